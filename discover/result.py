@@ -93,13 +93,15 @@ class Estimate:
 class Identification:
     """A known line or edge at an energy at rest, and the chance that one of the list is as near by chance.
 
-    `shift_ev` is by how much what was recorded lies above where it would be, gain neutral and nothing moving.
+    `shift_ev` is by how much what was recorded lies above where it would be, gain neutral and nothing moving;
+    `frame` where it is at rest: ``"source"``, ``"interstellar"`` matter or the ``"detector"``.
     """
 
     name: str
     energy_kev: float
     chance: float
     shift_ev: float = 0.0
+    frame: str = "source"
 
 
 @dataclass(frozen=True)

@@ -30,13 +30,44 @@ FALL = 3.0
 TINY = 1e-300
 
 
+Frame = Literal["source", "interstellar", "detector"]
+"""Where a line or edge is at rest: what is on the way, or in the detector, has no redshift."""
+
+
+@dataclass(frozen=True)
+class Follower:
+    """What comes with a line: an `effect` of the library at an energy (keV at rest), of a standard deviation
+    `width` (keV) that adds to the line's; `ratio` of its amplitude in the line's, None where that is free.
+    """
+
+    name: str
+    effect: str
+    energy: float
+    width: float = 0.0
+    ratio: float | None = None
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One ionisation of what sends a line: where the line is (keV at rest), and what comes with it."""
+
+    name: str
+    energy: float
+    followers: tuple[Follower, ...]
+
+
 @dataclass(frozen=True)
 class Known:
-    """A line or edge with a name, at some energy (keV at rest); `rank` 0 is the commonest."""
+    """A line or edge with a name, at some energy (keV at rest); `rank` 0 is the commonest.
+
+    `family` is what comes with it, by ionisation, neutral first.
+    """
 
     name: str
     energy: float
     rank: int
+    frame: Frame = field(default="source", kw_only=True)
+    family: tuple[Stage, ...] = field(default=(), kw_only=True)
 
 
 def _one(effect: str, parameter: str, given: Any) -> Any:

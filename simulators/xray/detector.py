@@ -50,6 +50,8 @@ class Detector:
     notes: tuple[str, ...]
     difference: Array
     """How far the ARF's input bins are off the RMF's, in bins, shape ``(bin,)``."""
+    instrument: str | None
+    """INSTRUME of the RMF."""
 
 
 SPELLINGS = {"cm2": ("cm2", "cm**2", "cm^2"), "keV": ("keV",)}
@@ -77,6 +79,7 @@ def read_detector(rmf: FilePath, arf: FilePath | None) -> Detector:
         {role: file_digest(Path(path)) for role, path in (("rmf", rmf), ("arf", arf)) if path is not None},
         matrix.notes,
         difference,
+        matrix.instrument,
     )
 
 

@@ -35,7 +35,8 @@ def joint_library(libraries: Mapping[str, Mapping[str, LibraryEffect]]) -> dict[
 
     The latter's keys are ``<effect>[<instrument>]``. What a source may lack is sought wherever one of the
     instruments can see it: priors reach as far as any instrument's (an amplitude that `outshines`: as that of
-    the one that sees it best), and each adds values to scan beyond those of the instruments before it.
+    the one that sees it best), and each adds values to scan beyond those of the instruments before it, and
+    the known lines that are its own.
     """
     joint: dict[str, LibraryEffect] = {}
     for name, library in libraries.items():
@@ -60,7 +61,8 @@ def _widened(first: LibraryEffect, second: LibraryEffect) -> LibraryEffect:
     if first.outshines:
         scale = min(first, second, key=lambda entry: entry.parameters[entry.amplitude].support[1])
         parameters[scale.amplitude] = scale.parameters[scale.amplitude]
-    return replace(first, parameters=parameters, scanned=scanned, step=scale.step)
+    known = tuple(dict.fromkeys([*first.known, *second.known]))
+    return replace(first, parameters=parameters, scanned=scanned, step=scale.step, known=known)
 
 
 def _hull(first: Marginal, second: Marginal) -> Marginal:

@@ -82,6 +82,8 @@ class Response:
     shared : bool
         Whether programs are compiled for the next of a few sizes, so that other spectra of the instrument,
         grouped by their own counts, find them.
+    instrument : str, optional
+        INSTRUME of its files, by which its own lines and edges are known.
     """
 
     name: str
@@ -96,6 +98,7 @@ class Response:
     notes: tuple[str, ...] = ()
     frame_time: float | None = None
     shared: bool = False
+    instrument: str | None = None
 
     @property
     def sparse(self) -> Any:
@@ -279,6 +282,7 @@ def respond(
         files=detector.files,
         notes=notes,
         frame_time=None if spectrum is None else spectrum.frame_time,
+        instrument=detector.instrument or (None if spectrum is None else spectrum.instrument),
     )
 
 

@@ -38,6 +38,8 @@ class Rmf:
         Whether it says that it includes the effective area.
     notes : tuple of str
         What was repaired.
+    instrument : str or None
+        INSTRUME.
     """
 
     channel: NDArray[np.int64]
@@ -46,6 +48,7 @@ class Rmf:
     matrix: Any
     full: bool
     notes: tuple[str, ...]
+    instrument: str | None = None
 
 
 def read_rmf(path: Path) -> Rmf:
@@ -66,6 +69,7 @@ def read_rmf(path: Path) -> Rmf:
                 "one; check that it is complete and an RMF"
             )
         channel, fine, notes = _channels(bounds[0], tables[0])
+        instrument = _says(tables[0], "INSTRUME") or None
         read = [_block(table, channel) for table in tables]
         blocks = [block[:2] for block in read]
         notes += tuple(block[2] for block in read if block[2])
@@ -78,7 +82,7 @@ def read_rmf(path: Path) -> Rmf:
             matrix = matrix + more[:, _parents(energies, theirs)]
     if len(blocks) > 1:
         notes = (*notes, f"{len(blocks)} MATRIX blocks are added up")
-    return Rmf(channel, fine, energies, matrix.tocsr(), full.pop(), notes)
+    return Rmf(channel, fine, energies, matrix.tocsr(), full.pop(), notes, instrument)
 
 
 def _says(hdu: Any, keyword: str) -> str:

@@ -49,7 +49,7 @@ def absorption(scale: Scale) -> Iterator[LibraryEffect]:
         typical="optical depths of 0.05 to 1",
         energies=("energy",),
         usual={"depth": (0.0, 1.0)},
-        known=absorption_edges(),
+        known=absorption_edges(scale.response.instrument),
     )
     yield LibraryEffect(
         name="partial_covering",

@@ -71,7 +71,7 @@ def emission(scale: Scale) -> Iterator[LibraryEffect]:
             "relative width": lambda line: line["sigma"] / line["energy"],
         },
         ends=("sigma",),
-        known=emission_lines(),
+        known=emission_lines(scale.response.instrument),
     )
     bright = scale.rate / max(scale.added("soft_excess", {"kT": 0.1, "norm": 1.0}), 1e-300)
     yield LibraryEffect(

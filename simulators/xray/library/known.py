@@ -1,72 +1,201 @@
-"""Lines and edges with names: fluorescence, resonance lines of hydrogen- and helium-like ions, keV at rest.
+"""Lines and edges with names: of neutral atoms, of hydrogen- and helium-like ions, of detectors; keV at rest.
 
-`rank` 0 are iron's three, 1 what is common in X-ray sources, 2 everything else: a name of a longer list is
-worth less, and `gaugeblock.discovery.name.identified` charges for it.
+`rank` says what astronomers would think of first: 0 is iron's, 1 what is common in X-ray sources and in the
+detector at hand, 2 what is rarer, 3 of elements of which there is less than one atom in ten million of
+hydrogen. A name of a higher rank is worth less, and `gaugeblock.discovery.name.identified` charges for it.
 """
 
 from __future__ import annotations
 
-from gaugeblock.simulators.library import Known
+import json
+from functools import cache
+from pathlib import Path
 
-_FLUORESCENCE = {
-    "Mg": (1.2537, None), "Al": (1.4864, None), "Si": (1.7396, None), "P": (2.0102, None),
-    "S": (2.3091, None), "Cl": (2.6213, None), "Ar": (2.9568, None), "K": (3.3129, None),
-    "Ca": (3.6911, 4.0131), "Ti": (4.5101, 4.9334), "Cr": (5.4116, 5.9468), "Mn": (5.8965, 6.4918),
-    "Fe": (6.4008, 7.0593), "Co": (6.9258, 7.6494), "Ni": (7.4745, 8.2662), "Cu": (8.0397, 8.9031),
-    "Zn": (8.6294, 9.5694),
-}  # fmt: skip
-"""K alpha and, where it is bright enough to stand alone, K beta: mean of their components by intensity.
-Elam, Ravel & Sieber (2002), Radiat. Phys. Chem. 63, 121, as in xraydb."""
+import numpy as np
+from scipy.constants import alpha, physical_constants
 
-_EDGES = {
-    "C": 0.2842, "N": 0.4099, "O": 0.5431, "Ne": 0.8702, "Mg": 1.303, "Al": 1.559, "Si": 1.839, "S": 2.472,
-    "Ar": 3.2059, "Ca": 4.0385, "Cr": 5.989, "Mn": 6.539, "Fe": 7.112, "Ni": 8.333,
-}  # fmt: skip
-"""K edges of neutral atoms; the same source."""
+from gaugeblock.simulators.library import Follower, Frame, Known, Stage
 
 _HYDROGEN_LIKE = {
-    "C VI": 0.36747, "N VII": 0.50032, "O VIII": 0.65362, "Ne X": 1.02180, "Na XI": 1.23675,
-    "Mg XII": 1.47232, "Al XIII": 1.72857, "Si XIV": 2.00549, "S XVI": 2.62170, "Ar XVIII": 3.32139,
-    "Ca XX": 4.10505, "Cr XXIV": 5.9266, "Mn XXV": 6.4355, "Fe XXVI": 6.9661, "Ni XXVIII": 8.0920,
+    "C": 0.36747, "N": 0.50032, "O": 0.65362, "Ne": 1.02180, "Na": 1.23675, "Mg": 1.47232, "Al": 1.72857,
+    "Si": 2.00549, "S": 2.62170, "Ar": 3.32139, "Ca": 4.10505, "Cr": 5.9266, "Mn": 6.4355, "Fe": 6.9661,
+    "Ni": 8.0920,
 }  # fmt: skip
 """Lyman alpha, mean of the doublet by weight. Johnson & Soff (1985), At. Data Nucl. Data Tables 33, 405."""
 
 _HELIUM_LIKE = {
-    "C V": 0.30790, "N VI": 0.43070, "O VII": 0.57395, "Ne IX": 0.92200, "Na X": 1.12683, "Mg XI": 1.35225,
-    "Al XII": 1.59829, "Si XIII": 1.86500, "S XV": 2.46063, "Ar XVII": 3.13958, "Ca XIX": 3.90237,
-    "Cr XXIII": 5.6823, "Mn XXIV": 6.1802, "Fe XXV": 6.70040, "Ni XXVII": 7.8059,
+    "C": 0.30790, "N": 0.43070, "O": 0.57395, "Ne": 0.92200, "Na": 1.12683, "Mg": 1.35225, "Al": 1.59829,
+    "Si": 1.86500, "S": 2.46063, "Ar": 3.13958, "Ca": 3.90237, "Cr": 5.6823, "Mn": 6.1802, "Fe": 6.70040,
+    "Ni": 7.8059,
 }  # fmt: skip
 """The resonance line 1s2 - 1s2p 1P1. Drake (1988), Can. J. Phys. 66, 586."""
 
+_IONS = {
+    "C": 6, "N": 7, "O": 8, "F": 9, "Ne": 10, "Na": 11, "Mg": 12, "Al": 13, "Si": 14, "P": 15, "S": 16,
+    "Cl": 17, "Ar": 18, "K": 19, "Ca": 20, "Sc": 21, "Ti": 22, "V": 23, "Cr": 24, "Mn": 25, "Fe": 26,
+    "Co": 27, "Ni": 28,
+}  # fmt: skip
+"""Elements of which there are ions in the list, with their charges."""
+
 _COMMON = ("O", "Ne", "Mg", "Si", "S", "Ar", "Ca")
+_RARE = ("F", "Sc", "Ti", "V", "Co", "Cu", "Zn")
+"""Less than 1e-7 of hydrogen, by number (Asplund et al. 2009, Ann. Rev. Astron. Astrophys. 47, 481)."""
+
+_SHINING = ("Si", "S", "Ca", "Ni")
+"""Elements whose K alpha is seen beside iron's: abundance times fluorescence yield, 0.05 to 0.4 for these."""
+
+_WITH_L = ("Ca", "Fe", "Ni")
+"""Elements above 1e-6 of hydrogen whose L shell is above 0.25 keV."""
+
+_DETECTORS = {
+    "EPN": ("Al Cr Fe Ni Cu Zn Au Mo", "Si Al Au"), "EMOS": ("Al Si Cr Mn Fe Ni Zn Au", "Si Al Au"),
+    "ACIS": ("Al Si Ni Au", "Si Al Ir"), "XTI": ("Al Si Au", "Si Al Au"), "XRT": ("Al Si Ni Au", "Si Al Au"),
+    "FPM": ("Cd Te I Cs", "Cd Te Pt W"), "XIS": ("Al Si Mn Ni Au", "Si Al Au"),
+    "": ("Al Si Ni Cu Au", "Si Al Au"),
+}  # fmt: skip
+"""Elements that fluoresce in an instrument, and those of its edges (detector, filters, mirror), by how its
+INSTRUME begins; "" for any other. XMM-Newton: Lumb et al. (2002), A&A 389, 93, and the ESAS cookbook's table
+of instrumental lines; Chandra: Proposers' Observatory Guide; NICER: Okajima et al. (2016), SPIE 9905; Swift:
+Moretti et al. (2009), A&A 493, 501; NuSTAR: Wik et al. (2014), ApJ 792, 48, and Madsen et al. (2015), ApJS
+220, 8; Suzaku: Tawa et al. (2008), PASJ 60, S11."""
+
+_IRON = (("Fe I", 7.112), ("Fe V", 7.149), ("Fe IX", 7.275))
+"""K edge of iron with all of its 3p electrons, whose K lines lie where the neutral atom's do within 10 eV
+(Palmeri et al. 2003, A&A 410, 359); edges of ions by Verner & Yakovlev (1995), A&AS 109, 125."""
+
+_NEON_LIKE = ("Fe XVII", 6.43, 7.651)
+"""K alpha (Palmeri et al.) and K edge (Verner & Yakovlev) where no electron is left for K beta."""
+
+K_BETA = 0.13
+"""Iron's K beta in K alpha, photons (Palmeri et al.: 0.12 to 0.14)."""
+
+_BACKWARD = 1.0 - 1.0 / (1.0 + 2.0 * 6.4 / 511.0)
+"""Share of K alpha's energy that is lost in a scattering backward, at most."""
 
 
-def _ions() -> list[Known]:
-    lines = [(f"{ion} Lyman alpha", ion, energy) for ion, energy in _HYDROGEN_LIKE.items()]
-    lines += [(f"{ion} resonance line", ion, energy) for ion, energy in _HELIUM_LIKE.items()]
-    return [Known(name, energy, _rank(ion.partition(" ")[0])) for name, ion, energy in lines]
+@cache
+def _neutral() -> dict[str, dict[str, float]]:
+    """Lines and edges of neutral atoms, by element: Elam, Ravel & Sieber (2002), Radiat. Phys. Chem. 63, 121,
+    as in xraydb, of which tests/simulators/test_xray_known.py makes the file.
+    """
+    return dict(json.loads(Path(__file__).with_name("neutral.json").read_text(encoding="utf-8")))
+
+
+def _lyman_alpha(charge: int) -> float:
+    """Of a point nucleus by Dirac, keV: mean of the doublet by weight."""
+    rest = physical_constants["electron mass energy equivalent in MeV"][0] * 1e3
+
+    def level(n: int, j: float) -> float:
+        inner = n - (j + 0.5) + np.sqrt((j + 0.5) ** 2 - (charge * alpha) ** 2)
+        return float(rest / np.sqrt(1.0 + (charge * alpha / inner) ** 2))
+
+    return (2.0 * level(2, 1.5) + level(2, 0.5)) / 3.0 - level(1, 0.5)
+
+
+@cache
+def _ions() -> tuple[Known, ...]:
+    """Of every element from carbon to nickel. Between those of the tables what Dirac lacks (the Lamb shift,
+    and the other electron's screening) is interpolated: each of them is found from the others within an eV.
+    """
+    from scipy.interpolate import CubicSpline
+
+    found = []
+    for table, line, missing in ((_HYDROGEN_LIKE, "Lyman alpha", 0), (_HELIUM_LIKE, "resonance line", 1)):
+        root = [np.sqrt(energy / _lyman_alpha(_IONS[one])) for one, energy in table.items()]
+        charges = np.array([_IONS[one] for one in table])
+        screened = CubicSpline(charges, charges * (1.0 - np.array(root)))
+        for element, charge in _IONS.items():
+            own = _lyman_alpha(charge) * (1.0 - float(screened(charge)) / charge) ** 2
+            name = f"{element} {_roman(charge - missing)} {line}"
+            found.append(Known(name, table.get(element, round(own, 4)), _rank(element)))
+    return tuple(found)
+
+
+def _roman(number: int) -> str:
+    digits = ((10, "X"), (9, "IX"), (5, "V"), (4, "IV"), (1, "I"))
+    found = ""
+    for value, digit in digits:
+        times, number = divmod(number, value)
+        found += times * digit
+    return found
 
 
 def _rank(element: str) -> int:
-    return 0 if element == "Fe" else 1 if element in _COMMON else 2
+    return 0 if element == "Fe" else 1 if element in _COMMON else 3 if element in _RARE else 2
 
 
-def emission_lines() -> tuple[Known, ...]:
-    """What an emission line may be."""
-    found = _ions()
-    for element, (alpha, beta) in _FLUORESCENCE.items():
-        common = 0 if element == "Fe" else 1 if element in ("Si", "S", "Ca", "Ni") else 2
-        found.append(Known(f"{element} K alpha", alpha, common))
-        if beta is not None:
-            found.append(Known(f"{element} K beta", beta, 1 if element == "Fe" else 2))
+def _of_detector(instrument: str | None) -> tuple[list[str], list[str]]:
+    """Elements of an instrument's lines and edges."""
+    given = (instrument or "").upper()
+    lines, edges = next(found for begins, found in _DETECTORS.items() if given.startswith(begins))
+    return lines.split(), edges.split()
+
+
+def _detectors_own(element: str, kinds: tuple[str, ...], rank: int) -> list[Known]:
+    there = _neutral()[element]
+    return [
+        Known(f"{element} {kind} of the detector", there[kind], rank, frame="detector")
+        for kind in kinds
+        if kind in there
+    ]
+
+
+def emission_lines(instrument: str | None = None) -> tuple[Known, ...]:
+    """What an emission line may be, in spectra of an instrument (INSTRUME)."""
+    found = list(_ions())
+    for element, there in _neutral().items():
+        if element not in _IONS and element not in _RARE:
+            continue
+        rank = 0 if element == "Fe" else 1 if element in _SHINING else max(_rank(element), 2)
+        found.append(
+            Known(f"{element} K alpha", there["K alpha"], rank, family=_family() if rank == 0 else ())
+        )
+        if "K beta" in there and there["K alpha"] > 3.5:
+            found.append(Known(f"{element} K beta", there["K beta"], 1 if element == "Fe" else max(rank, 2)))
+        if element in _WITH_L:
+            found += [
+                Known(f"{element} {kind}", there[kind], 2) for kind in ("L alpha", "L beta") if kind in there
+            ]
+    for element in _of_detector(instrument)[0]:
+        found += _detectors_own(element, ("K alpha", "L alpha", "M alpha"), 1)
+        found += _detectors_own(element, ("K beta", "L beta", "M beta"), 2)
     return tuple(found)
 
 
 def absorption_lines() -> tuple[Known, ...]:
     """What an absorption line may be."""
-    return tuple(_ions())
+    return _ions()
 
 
-def absorption_edges() -> tuple[Known, ...]:
-    """What an absorption edge may be."""
-    return tuple(Known(f"{element} K edge", energy, _rank(element)) for element, energy in _EDGES.items())
+def absorption_edges(instrument: str | None = None) -> tuple[Known, ...]:
+    """What an absorption edge may be, in spectra of an instrument (INSTRUME): of the source, of what is on
+    the way, of the detector.
+    """
+    found = []
+    frames: tuple[Frame, ...] = ("source", "interstellar")
+    for frame in frames:
+        for element, there in _neutral().items():
+            if element in _IONS and element not in _RARE:
+                found.append(Known(f"{element} K edge", there["K edge"], _rank(element), frame=frame))
+        found += [
+            Known(f"Fe {kind}", _neutral()["Fe"][kind], 1, frame=frame) for kind in ("L3 edge", "L2 edge")
+        ]
+    for element in _of_detector(instrument)[1]:
+        found += _detectors_own(element, ("K edge", "L3 edge", "M5 edge", "M4 edge", "M3 edge"), 1)
+    return tuple(found)
+
+
+def _family() -> tuple[Stage, ...]:
+    """What comes with iron's K alpha, by ionisation: K beta, the shoulder of what scatters once, the edge."""
+    line, beta = _neutral()["Fe"]["K alpha"], _neutral()["Fe"]["K beta"]
+    # A box from the line down to what is scattered backward, by its mean and standard deviation.
+    shoulder = ("Compton shoulder", "emission_line", 1.0 - _BACKWARD / 2.0, _BACKWARD / np.sqrt(12.0))
+
+    def stage(name: str, alpha: float, edge: float, beta: float | None) -> Stage:
+        scattered = Follower(shoulder[0], shoulder[1], shoulder[2] * alpha, width=float(shoulder[3] * alpha))
+        members = [scattered, Follower("Fe K edge", "absorption_edge", edge)]
+        if beta is not None:
+            members.insert(0, Follower("Fe K beta", "emission_line", beta, ratio=K_BETA))
+        return Stage(name, alpha, tuple(members))
+
+    return (*(stage(name, line, edge, beta) for name, edge in _IRON), stage(*_NEON_LIKE, None))
