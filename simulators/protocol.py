@@ -133,8 +133,22 @@ class HasGaps(Protocol):
 class HasWStatistic(Protocol):
     """Knows XSPEC's statistic of counts beside a background, which is printed for comparison."""
 
-    def w_statistic(self, theta: ArrayLike, x: ArrayLike, scale: float = 1.0) -> NDArray[np.float64]:
+    def w_statistic(self, theta: ArrayLike, x: ArrayLike, scale: float) -> NDArray[np.float64]:
         """W of data ``(..., channel)`` seen for `scale` times the exposure, ``(...)``."""
+
+
+@runtime_checkable
+class HasXcm(Protocol):
+    """Can be told to XSPEC."""
+
+    def xcm(self, values: Mapping[str, float], effects: tuple[Effect, ...]) -> str:
+        """A fit in XSPEC's own notation: values by parameter, those of `effects` too that were added.
+
+        Raises
+        ------
+        InputError
+            If XSPEC has no component that does what an effect does.
+        """
 
 
 @runtime_checkable
@@ -181,7 +195,16 @@ class Described(Protocol):
 CAPABILITIES: tuple[type, ...] = (
     *(Simulator, HasExpected, HasJacobian, HasNoise, HasExposures, Holdable),
     *(HasLikelihood, LikelihoodSimulator, HasTraceableLikelihood, Extensible, HasEffectLibrary, HasGaps),
-    *(Segmented, HasWStatistic, HasNotes, HasExactPosterior, HasExactDensity, HasExactEvidence, Described),
+    *(
+        Segmented,
+        HasWStatistic,
+        HasXcm,
+        HasNotes,
+        HasExactPosterior,
+        HasExactDensity,
+        HasExactEvidence,
+        Described,
+    ),
 )
 
 

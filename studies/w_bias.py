@@ -94,7 +94,7 @@ def replicates(background: float, ratio: float, rows: slice, rng: np.random.Gene
         start = np.concatenate([true, both.prior.center[len(true) :]])
         joint = fit(both, x[None], start=start[None], fixed=tuple(THETA)[:2])
         factor, least = brightest_by_w(found, other, mean)
-        beside = float(both.w_statistic(joint.theta[0], x))
+        beside = float(both.w_statistic(joint.theta[0], x, 1.0))
         c = float(deviance(x, joint.expected[0]))
         made.append((factor, joint.theta[0, 2] / true[2], least / len(found), beside / len(found), c))
     names = ("by_w", "by_joint", "w", "w_joint", "c")

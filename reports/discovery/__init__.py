@@ -8,6 +8,6 @@ paragraph at the top, `html` for the page; `gain` draws the comparison with the 
 
 from gaugeblock.reports.discovery.gain import gain_headline
 from gaugeblock.reports.discovery.headline import headline
-from gaugeblock.reports.discovery.html import discovery_html, write_discovery
+from gaugeblock.reports.discovery.html import MODELS, discovery_html, write_discovery
 
-__all__ = ["discovery_html", "gain_headline", "headline", "write_discovery"]
+__all__ = ["MODELS", "discovery_html", "gain_headline", "headline", "write_discovery"]

@@ -28,6 +28,9 @@ from gaugeblock.reports.page import render
 from gaugeblock.reports.words import count
 from gaugeblock.validate.storage import write_tree
 
+MODELS = ("model_before.xcm", "model_after.xcm")
+"""The best fit of one source in XSPEC's own notation, without and with the named effects."""
+
 
 def discovery_html(tree: xr.DataTree, summary: Mapping[str, Any]) -> str:
     """The whole page as text.
@@ -59,8 +62,10 @@ def discovery_html(tree: xr.DataTree, summary: Mapping[str, Any]) -> str:
     )
 
 
-def write_discovery(found: Discovery, out: Path | str) -> None:
+def write_discovery(found: Discovery, out: Path | str, models: Mapping[str, str] | None = None) -> None:
     """Write discovery.json, discovery.nc and report.html into the folder `out`, each whole or not at all.
+
+    `models` are the texts of `MODELS` that there are; what an earlier search left of the others goes.
 
     Raises
     ------
@@ -73,7 +78,12 @@ def write_discovery(found: Discovery, out: Path | str) -> None:
     content = discovery_html(found.tree, summary)
     # A file name in the data may hold bytes that are no text; they must not stop the report.
     write_atomically(folder / "report.html", content.encode("utf-8", "replace"))
-    discard_unfinished(folder, ("discovery.json", "discovery.nc", "report.html"))
+    for name in MODELS:
+        if models and name in models:
+            write_atomically(folder / name, models[name])
+        else:
+            (folder / name).unlink(missing_ok=True)
+    discard_unfinished(folder, ("discovery.json", "discovery.nc", "report.html", *MODELS))
 
 
 def _chapters(tree: xr.DataTree, summary: Mapping[str, Any]) -> list[Chapter | LeftOut]:

@@ -19,6 +19,7 @@ from gaugeblock.simulators.protocol import HasWStatistic, poisson_log_likelihood
 from gaugeblock.simulators.segments import Segment, Segmented
 from gaugeblock.simulators.xray.effects.instrument import INSTRUMENT
 from gaugeblock.simulators.xray.joint_library import OnInstrument, joint_library
+from gaugeblock.simulators.xray.xcm import saved
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +95,7 @@ class JointSpectra(PoissonCounts):
         own = self._own(theta)
         return np.concatenate([part.simulator.expected(own[part.name]) for part in self.parts], axis=-1)
 
-    def w_statistic(self, theta: ArrayLike, x: ArrayLike, scale: float = 1.0) -> Array:
+    def w_statistic(self, theta: ArrayLike, x: ArrayLike, scale: float) -> Array:
         """W of every instrument with a background and Cash's C of the others, as XSPEC adds them, ``(...)``.
 
         `scale` is the exposure of the data in units of the simulator's.
@@ -109,6 +110,11 @@ class JointSpectra(PoissonCounts):
             reached = poisson_log_likelihood(scale * simulator.expected(own[part.name]), mine)
             found.append(2.0 * (poisson_log_likelihood(mine, mine) - reached))
         return np.asarray(np.sum(found, axis=0))
+
+    def xcm(self, values: Mapping[str, float], effects: tuple[Effect, ...]) -> str:
+        """The source's, as XSPEC reads it: a data group an instrument, their constants in front."""
+        factors = [values[f"cross_calibration_{k}.factor"] for k in range(2, len(self.parts) + 1)]
+        return saved(self.model, values, (*self.effects, *effects), factors)
 
     def jacobian(self, theta: ArrayLike) -> Array:
         """Derivative of the expected counts by the parameters, ``(..., channel, parameter)``."""

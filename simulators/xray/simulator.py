@@ -24,6 +24,7 @@ from gaugeblock.simulators.xray.integration import INTEGRATIONS
 from gaugeblock.simulators.xray.library import effect_library, not_in_library
 from gaugeblock.simulators.xray.response import Response
 from gaugeblock.simulators.xray.tables import is_table, table_file
+from gaugeblock.simulators.xray.xcm import saved
 
 
 class XraySpectrum(PoissonCounts):
@@ -136,6 +137,10 @@ class XraySpectrum(PoissonCounts):
     def not_in_library(self) -> Mapping[str, str]:
         """Effects that this response does not allow: by name, why and how to mend it."""
         return not_in_library(self.response)
+
+    def xcm(self, values: Mapping[str, float], effects: tuple[Effect, ...]) -> str:
+        """A fit as XSPEC reads it, ``@file.xcm``; see `xcm.saved`."""
+        return saved(self.model, values, (*self.effects, *effects))
 
     def segments(self) -> tuple[Segment, ...]:
         """All channels, with their energies."""

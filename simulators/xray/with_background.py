@@ -91,7 +91,7 @@ class WithBackground(PoissonCounts):
         alone = np.maximum(behind / self.background.scale, FLOOR)
         return np.concatenate([source + behind, alone], axis=-1)
 
-    def w_statistic(self, theta: ArrayLike, x: ArrayLike, scale: float = 1.0) -> Array:
+    def w_statistic(self, theta: ArrayLike, x: ArrayLike, scale: float) -> Array:
         """XSPEC's W of data ``(..., 2 channel)``, ``(...)``: the fitted background is not asked.
 
         `scale` is the exposure of the data in units of the simulator's.
@@ -100,6 +100,10 @@ class WithBackground(PoissonCounts):
         channels, mean = len(self.background.scale), self.source.expected(array[..., self._source_columns])
         found, other = data[..., :channels], data[..., channels:]
         return w_statistic(found, other, scale * mean, self.background.scale)
+
+    def xcm(self, values: Mapping[str, float], effects: tuple[Effect, ...]) -> str:
+        """The source's, as XSPEC reads it: its background is a file there."""
+        return str(self.source.xcm(values, effects))
 
     def jacobian(self, theta: ArrayLike) -> Array:
         """Derivative of the expected counts by the parameters, ``(..., 2 channel, parameter)``."""

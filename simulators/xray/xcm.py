@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.foreign import TEXT, read_bytes
+from gaugeblock.simulators.effects import Effect, labelled
+from gaugeblock.simulators.xray.components import ENTRIES
+from gaugeblock.simulators.xray.effects import EFFECTS
+from gaugeblock.simulators.xray.effects.emission import Emission, added
 from gaugeblock.simulators.xray.expression import (
     Leaf,
+    Node,
+    Product,
     Tied,
     leaves,
     parameter_names,
@@ -21,6 +28,23 @@ from gaugeblock.simulators.xray.expression import (
     written,
 )
 from gaugeblock.simulators.xray.files import FilePath
+
+FACTORS: Mapping[str, tuple[str, Mapping[str, str | float]]] = {
+    "absorption_line": ("Gabs", {"El": "energy", "sigma": "sigma", "strength": "strength"}),
+    "absorption_edge": ("Edge", {"Ec": "energy", "tau": "depth"}),
+    "partial_covering": ("Tbpcf", {"nh": "nh", "f": "fraction"}),
+    "high_energy_cutoff": ("Highecut", {"Ec": "energy", "Ef": "inverse_folding"}),
+}
+"""Effects that are components of XSPEC in front of the model, and what each one's parameters are of theirs.
+Of `high_energy_cutoff` XSPEC has the folding energy where it has the inverse."""
+
+STRAIGHTEST = 1e-6
+"""Inverse folding energy (1/keV) below which XSPEC's is at its end, 1e6 keV."""
+
+ABUNDANCES = dict.fromkeys(("Tbabs", "zTbabs", "Tbpcf"), "wilm") | dict.fromkeys(
+    ("Phabs", "Zphabs", "Pcfabs", "Zpcfabs"), "aspl"
+)
+"""Abundances that an absorber's table assumes, as XSPEC calls them."""
 
 EXTRA = {"Tbpcf": ("redshift",)}
 """XSPEC's further parameters of a component, behind ours; they have to be 0."""
@@ -118,6 +142,66 @@ def _tie(row: str, names: list[str]) -> str:
         return names[k - 1]
 
     return re.sub(r"\bp(\d+)\b", named, text)
+
+
+def saved(
+    model: str, values: Mapping[str, float], effects: Sequence[Effect] = (), factors: Sequence[float] = ()
+) -> str:
+    """A fit for XSPEC (``@file.xcm``): statistic and abundances, then the model with effects as components.
+
+    Parameters
+    ----------
+    model, values
+        As `write_xcm` takes them; values of what is free of the effects too, as ``emission_line_1.energy``.
+    effects : sequence of Effect
+        That are in the model, in the order in which they were added.
+    factors : sequence of float
+        Of further data groups, which differ from the first in a constant alone.
+
+    Raises
+    ------
+    InputError
+        If XSPEC has no component that does what an effect does, or a value is missing.
+    """
+    tree, known = parse(model), dict(values)
+    for label, effect in labelled(effects):
+        own = {name: effect.fixed.get(name, values.get(f"{label}.{name}")) for name in effect.parameters}
+        tree, more = _with_effect(tree, effect, own)
+        known |= more
+    if factors:
+        tree = Product(_leaf(tree, "MultiplicativeConstant", {"norm": 1.0}), tree)
+    assumed = [ABUNDANCES[leaf.component] for leaf in leaves(tree) if leaf.component in ABUNDANCES]
+    head = ["statistic cstat", *(f"abund {name}" for name in assumed[:1])]
+    rows = sum(len(_parameters(leaf)) for leaf in leaves(tree))
+    tied = "".join(f"= p{k}\n" for k in range(2, rows + 1))
+    groups = (f"{float(factor)!r}\n{tied}" for factor in factors)
+    return "\n".join([*head, write_xcm(written(tree), known)]) + "".join(groups)
+
+
+def _with_effect(tree: Node, effect: Effect, values: Mapping[str, Any]) -> tuple[Node, dict[str, float]]:
+    """The tree with an effect's component, and the values of what is free of it."""
+    known = EFFECTS.get(effect.name) if effect.kind is None else None
+    kind = known.apply if known is not None and set(known.parameters) == set(values) else None
+    names: Mapping[str, str | float]
+    if isinstance(kind, Emission):
+        component, names = kind.component, dict(kind.bindings)
+    elif kind is not None and effect.name in FACTORS:
+        component, names = FACTORS[effect.name]
+    else:
+        raise InputError(f"XSPEC has no component that does what {effect.name} does")
+    leaf = _leaf(tree, component, {p: one for p, one in names.items() if not isinstance(one, str)})
+    own = {f"{leaf.label}.{p}": values[one] for p, one in names.items() if isinstance(one, str)}
+    if effect.name == "high_energy_cutoff":
+        own[f"{leaf.label}.Ef"] = 1.0 / max(own[f"{leaf.label}.Ef"], STRAIGHTEST)
+    return added(tree, leaf) if isinstance(kind, Emission) else Product(leaf, tree), own
+
+
+def _leaf(tree: Node, component: str, numbers: Mapping[str, float]) -> Leaf:
+    """A component, all of it free but some numbers, with a label that the tree does not have."""
+    used = {leaf.label for leaf in leaves(tree)}
+    label = next(name for k in range(1, 10_000) if (name := f"{component.lower()}_{k}") not in used)
+    bindings = ((p, numbers.get(p, f"{label}.{p}")) for p in ENTRIES[component].parameters)
+    return Leaf(component, tuple(bindings), label)
 
 
 def write_xcm(model: str, values: Mapping[str, float]) -> str:

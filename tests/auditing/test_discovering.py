@@ -16,6 +16,7 @@ from gaugeblock.auditing.identity import versions
 from gaugeblock.core.digest import digest
 from gaugeblock.core.errors import InputError
 from gaugeblock.discovery import Discovery, Sources
+from gaugeblock.discovery.result import Estimate, FitSaid, FitState
 from gaugeblock.simulators import Effect, Normal, Prior, Uniform, build_simulator
 from gaugeblock.simulators.epidemic import EpidemicEffect
 from gaugeblock.simulators.library import LibraryEffect
@@ -433,3 +434,49 @@ def test_files_of_one_source_or_a_folder_of_many(tmp_path, monkeypatch):
             read_measured(files, **{**common, **more})
         assert str(caught.value) == f"discover: {said}"
     assert calls == []
+
+
+def test_of_one_source_the_best_fits_are_written_for_xspec(drift, tmp_path, monkeypatch):
+    class Told:
+        prior = PRIOR
+        effects = ()
+
+        def expected(self, theta):
+            return np.ones((len(theta), 3))
+
+        def with_effect(self, effect):
+            return self
+
+        def xcm(self, values, effects):
+            if any(effect.name == "gain" for effect in effects):
+                raise InputError("XSPEC has no gain")
+            return f"{values} {[(effect.name, effect.fixed) for effect in effects]}\n"
+
+    def state(**values):
+        return FitState({name.replace("__", "."): Estimate(value) for name, value in values.items()})
+
+    before, after = (
+        state(level=1.0),
+        state(level=2.0, line_1__energy=6.4, edge_1__depth=0.1, line_2__energy=7.0),
+    )
+    canned = replace(drift, fit=FitSaid(before, None), named_all=())
+    monkeypatch.setattr(discovering, "discover_source", lambda *_, **__: canned)
+    source = Sources.of(Told(), [3.0, 4.0, 5.0])
+    texts = {name: tmp_path / f"model_{name}.xcm" for name in ("before", "after")}
+    discover(source, out=tmp_path)
+    assert texts["before"].read_text() == "{'level': 1.0} []\n"
+    assert not texts["after"].exists()
+    canned = replace(drift, fit=FitSaid(before, after), named_all=("line", "edge", "line"))
+    discover(source, out=tmp_path)
+    assert (
+        texts["after"]
+        .read_text()
+        .endswith("[('line', {'energy': 6.4}), ('edge', {'depth': 0.1}), ('line', {'energy': 7.0})]\n")
+    )
+    # Of an effect that XSPEC does not have nothing is written, nor left from before.
+    canned = replace(canned, named_all=("line", "gain"))
+    said = discover(source, out=tmp_path).to_json()
+    assert said["provenance"]["notes"] == ["model_after.xcm was not written: XSPEC has no gain"]
+    assert texts["before"].exists()
+    assert not texts["after"].exists()
+    assert discover(source).to_json()["provenance"]["notes"] == []

@@ -108,7 +108,7 @@ def test_w_stands_beside_the_statistic_where_a_background_was_measured(power_law
             return (replace(source, stop=40, edges=source.edges[:40]),
                     replace(source, start=40, edges=source.edges[40:], role=self.role))  # fmt: skip
 
-        def w_statistic(self, theta, x, scale=1.0):
+        def w_statistic(self, theta, x, scale):
             return scale * (np.asarray(theta)[:, 1] + np.asarray(x).sum(axis=1))
 
     simulator = Beside()

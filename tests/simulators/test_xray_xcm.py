@@ -1,12 +1,20 @@
 """XSPEC's saved models come in with what is frozen and tied and go out again; priors say the same."""
 
+import numpy as np
 import pytest
 
 from gaugeblock.core.errors import InputError
-from gaugeblock.simulators import Prior, Uniform
+from gaugeblock.simulators import Effect, Prior, Uniform
 
 pytest.importorskip("jaxspec")
-from gaugeblock.simulators.xray import read_xcm, write_xcm
+from gaugeblock.simulators.xray import (
+    XraySpectrum,
+    joint_spectra,
+    read_xcm,
+    reference,
+    with_background,
+    write_xcm,
+)
 from gaugeblock.simulators.xray.build import settled
 from gaugeblock.simulators.xray.expression import parameter_names, parse
 from gaugeblock.simulators.xray.observation import at_redshift
@@ -127,3 +135,97 @@ def test_redshifts_that_nobody_gave_are_the_source_s():
     assert at_redshift(model, given, 0.3) == (
         "tbabs*zphabs*(zpowerlw(redshift=0.3)+zgauss(redshift=0.5))*ztbabs(z=0.3)"
     )
+
+
+THETA = [0.2, 1.7, 3e-3, 0.5, 40.0]
+LINE = {"energy": 2.31, "sigma": 0.004, "norm": 4e-4}
+SOFT = {"kT": 0.11, "norm": 300.0}
+GAS = {"kT": 1.3, "norm": 2e-3}
+"""Effects that emit."""
+
+LOST = {
+    "absorption_line": {"energy": 1.5, "sigma": 0.08, "strength": 0.03},
+    "absorption_edge": {"energy": 2.0, "depth": 0.4},
+    "partial_covering": {"nh": 3.0, "fraction": 0.6},
+    "high_energy_cutoff": {"energy": 3.0, "inverse_folding": 0.2},
+}
+"""Effects that are factors."""
+
+
+def values_of(simulator, theta):
+    return dict(zip(simulator.prior.names, theta, strict=True))
+
+
+def folded(text, saved, response):
+    """Counts of a saved model, read back as a user's `--model` is, at the values it was saved with."""
+    read = read_xcm(saved(text))
+    prior = Prior({name: Uniform(0.0, 1e9) for name in read.values})
+    return XraySpectrum(read.model, response, prior, integration="exact").expected(list(read.values.values()))
+
+
+@pytest.fixture(scope="module")
+def plain(xray_data):
+    spectrum = reference(level="bright")
+    return XraySpectrum(spectrum.model, spectrum.response, spectrum.prior, integration="exact")
+
+
+def test_a_fit_with_what_was_added_folds_to_the_same_counts_when_it_is_read(plain, saved):
+    before = plain.xcm(values_of(plain, THETA), ())
+    assert before.splitlines()[:3] == ["statistic cstat", "abund wilm", "model  tbabs*(powerlaw+bbodyrad)"]
+    np.testing.assert_allclose(folded(before, saved, plain.response), plain.expected(THETA), rtol=1e-9)
+    found = [("emission_line", LINE), ("soft_excess", SOFT), ("emission_line", {**LINE, "energy": 6.4})]
+    found.append(("thermal_continuum", GAS))
+    made, values = plain, values_of(plain, THETA)
+    for name, at in found:
+        made = made.with_effect(Effect(name, at))
+        number = 1 + sum(key.endswith(".norm") and key.startswith(name) for key in values)
+        values |= {f"{name}_{number}.{key}": value for key, value in at.items()}
+    free = [Effect(name, dict.fromkeys(at, Uniform(0.0, 1e3))) for name, at in found]
+    text = plain.xcm(values, tuple(free))
+    assert "model  tbabs*(powerlaw+bbodyrad+gaussian+bbodyrad+gaussian+cutoffpl)" in text
+    assert "\n1.0 -1\n1.3\n0.002\n" in text
+    np.testing.assert_allclose(folded(text, saved, plain.response), made.expected(THETA), rtol=1e-9)
+    # What is fixed in the simulator is told as well, and a background is not.
+    assert made.xcm(values_of(plain, THETA), ()) == text
+    both = with_background(plain, np.ones(102), 1.0)
+    middle = values_of(both, both.prior.center)
+    assert both.xcm(middle, ()) == plain.xcm(middle, ())
+
+
+@pytest.mark.parametrize("name", LOST)
+def test_a_factor_stands_in_front_and_differs_within_bins_alone(plain, saved, name):
+    made = plain.with_effect(Effect(name, LOST[name]))
+    text = plain.xcm(values_of(plain, THETA), (Effect(name, LOST[name]),))
+    np.testing.assert_allclose(folded(text, saved, plain.response), made.expected(THETA), rtol=2e-4)
+    assert not np.allclose(plain.expected(THETA), made.expected(THETA), rtol=1e-2)
+
+
+def test_a_cutoff_that_is_none_is_at_xspec_s_end(plain):
+    at = {"energy": 3.0, "inverse_folding": 0.0}
+    text = plain.xcm(values_of(plain, THETA), (Effect("high_energy_cutoff", at),))
+    assert "\n3.0\n1000000.0\n" in text
+
+
+def test_instruments_are_data_groups_that_differ_in_a_constant(plain, saved):
+    joint = joint_spectra([plain, plain, plain], ["a", "b", "c"])
+    values = values_of(joint, [*THETA, 1.1, 0.9])
+    text = joint.xcm(values, (Effect("emission_line", LINE),))
+    rows = text.splitlines()
+    assert rows[2] == "model  constant*(tbabs*(powerlaw+bbodyrad+gaussian))"
+    assert rows[3] == "1.0 -1"
+    tied = [f"= p{k}" for k in range(2, 10)]
+    assert rows[12:] == ["1.1", *tied, "0.9", *tied]
+    made = plain.with_effect(Effect("emission_line", LINE))
+    np.testing.assert_allclose(folded(text, saved, plain.response), made.expected(THETA), rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [
+        Effect("gain_slope", {"slope": 1.01}), Effect("mine", {}), Effect("gain_slope[pn]", {}),
+        Effect("emission_line", LINE, kind=len), Effect("emission_line", {"energy": 6.4}),
+    ],
+)  # fmt: skip
+def test_what_xspec_has_no_component_for_is_refused(plain, effect):
+    with pytest.raises(InputError, match=rf"XSPEC has no component .* {effect.name.partition('[')[0]}"):
+        plain.xcm(values_of(plain, THETA), (effect,))

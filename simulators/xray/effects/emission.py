@@ -23,15 +23,15 @@ class Emission:
             self.component,
             tuple((p, sources[name] if isinstance(name, str) else name) for p, name in self.bindings),
         )
-        return replace(assembly, tree=_added(assembly.tree, leaf))
+        return replace(assembly, tree=added(assembly.tree, leaf))
 
 
-def _added(node: Node, leaf: Leaf) -> Node:
-    # Down through every factor that multiplies the whole spectrum, so that what is added is absorbed too.
+def added(node: Node, leaf: Leaf) -> Node:
+    """A model with one more component, inside every factor that multiplies the whole: it is absorbed too."""
     if isinstance(node, Product):
         if additive(node.left):
-            return replace(node, left=_added(node.left, leaf))
-        return replace(node, right=_added(node.right, leaf))
+            return replace(node, left=added(node.left, leaf))
+        return replace(node, right=added(node.right, leaf))
     return Sum(node, leaf)
 
 

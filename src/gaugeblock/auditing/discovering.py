@@ -27,9 +27,9 @@ from gaugeblock.discovery import (
     discover_simulated,
     discover_source,
 )
-from gaugeblock.reports.discovery import write_discovery
+from gaugeblock.reports.discovery import MODELS, write_discovery
 from gaugeblock.reports.machine import plain
-from gaugeblock.simulators.effects import Effect
+from gaugeblock.simulators.effects import Effect, labelled
 from gaugeblock.simulators.from_function import as_simulator
 from gaugeblock.simulators.library import LibraryEffect
 from gaugeblock.simulators.prior import Prior
@@ -38,6 +38,7 @@ from gaugeblock.simulators.protocol import (
     HasExpected,
     HasLikelihood,
     HasNotes,
+    HasXcm,
     description,
     poisson_log_likelihood,
 )
@@ -182,6 +183,8 @@ def discover(
     data = [group.counts.tolist() for group in groups] if groups else counts.tolist()
     searched = [group.simulator for group in groups] if groups else [simulator]
     notes = dict.fromkeys(note for one in searched if isinstance(one, HasNotes) for note in one.notes)
+    models, unsaid = _saved(searched[0], found) if one and out is not None else ({}, ())
+    notes |= dict.fromkeys(unsaid)
     found = replace(found, remarks=(*found.remarks, *notes)).with_provenance(
         plain(
             {
@@ -197,10 +200,34 @@ def discover(
         )
     )
     if out is not None:
-        write_discovery(found, Path(out))
+        write_discovery(found, Path(out), models)
         if found.catalogue is not None:
             discard(Path(out) / CHUNKS)
     return found
+
+
+def _saved(simulator: Any, found: Discovery) -> tuple[dict[str, str], tuple[str, ...]]:
+    """The texts of `MODELS` that there are, and why one is not."""
+    if not isinstance(simulator, HasXcm):
+        return {}, ()
+    made: dict[str, str] = {}
+    sides = (found.fit.before, ()), (found.fit.after, found.named_all)
+    for name, (fit, effects) in zip(MODELS, sides, strict=True):
+        if fit is None:
+            continue
+        values = {key: one.value for key, one in fit.parameters.items()}
+        added = [
+            Effect(
+                effect.name,
+                {key[len(label) + 1 :]: values[key] for key in values if key.startswith(f"{label}.")},
+            )
+            for label, effect in labelled([Effect(key) for key in effects])
+        ]
+        try:
+            made[name] = simulator.xcm(values, tuple(added))
+        except InputError as error:
+            return made, (f"{name} was not written: {error}",)
+    return made, ()
 
 
 def _catalogue(

@@ -90,8 +90,9 @@ def discover(
 ) -> None:
     """Find where model and measured spectra disagree, name the missing effect, add it, test the name.
 
-    Writes discovery.json, discovery.nc and report.html. An interrupted search of a catalogue goes on where it
-    stopped when the same command runs again.
+    Writes discovery.json, discovery.nc and report.html, and of one source its best fits for XSPEC:
+    model_before.xcm and model_after.xcm. An interrupted search of a catalogue goes on where it stopped when
+    the same command runs again.
     """
     from gaugeblock.auditing import discovering
     from gaugeblock.core.errors import InputError
