@@ -39,7 +39,7 @@ def scored(case: Mapping[str, Any], found: Mapping[str, Any]) -> dict[str, Any]:
 
     The headline is `named`, and with it the other certain names where `accept` asks for several together. A
     control is right if nothing is certain and nothing rejected is named; `beside` are certain statements
-    other than the headline whose names the case rejects.
+    other than the headline whose names the case rejects: with one of them nothing is right.
     """
     named, alike = found["named"], list(found["indistinguishable"])
     certain = [one["effect"] for one in found["statements"] if one["certain"] and one["effect"] != "unnamed"]
@@ -51,15 +51,16 @@ def scored(case: Mapping[str, Any], found: Mapping[str, Any]) -> dict[str, Any]:
     if wanted and headline != "nothing" and not set(wanted) & set(alike):
         right = False
     rejected = set(case["reject"])
+    beside = [name for name in certain if name != headline and name in rejected]
     named_wrong = headline in rejected or ("any name" in rejected and headline != "nothing")
     return {
         "kind": case["kind"],
         "named": named,
         "set": alike,
         "certain": certain,
-        "right": bool(right and not named_wrong),
+        "right": bool(right and not named_wrong and not beside),
         "rejected": bool(named_wrong),
-        "beside": [name for name in certain if name != headline and name in rejected],
+        "beside": beside,
         "p_global": found["disagreement"]["p_global"],
     }
 
@@ -107,7 +108,8 @@ def shown(rows: Mapping[str, Mapping[str, Any]]) -> str:
         (
             name.split("_")[0],
             row["kind"],
-            f"`{row['named']}`" if row["named"] else "nothing",
+            ", wrong beside it ".join(f"`{name}`" for name in (row["named"], *row["beside"]) if name)
+            or "nothing",
             ", ".join(f"`{key}`" for key in row["set"][1:]) or "-",
             "yes" if row["right"] else "no",
             f"{row['seconds']:.0f}",

@@ -9,7 +9,8 @@ import numpy as np
 import xarray as xr
 
 from gaugeblock.reports.discovery.chapter import Chapter, LeftOut
-from gaugeblock.reports.discovery.phrases import energy_range, finite
+from gaugeblock.reports.discovery.headline import amplitudes
+from gaugeblock.reports.discovery.phrases import energy_range, finite, pick
 from gaugeblock.reports.discovery.read import Missing, Stretch, floats, group, parts, texts
 from gaugeblock.reports.discovery.spectrum_figure import (
     Line,
@@ -51,28 +52,49 @@ def spectrum_chapter(
         "the gap on held-out data, below."
     )
     lead = f"{lead}.{_summed(sources)} {_REBINNED}{flat if added else ''}"
-    spans, lines = _spans(tree), identified(summary)
+    spans, named = _spans(tree), {part.name: identified(summary, part.name) for part in parts(data)}
     components = _COMPONENTS if added and "components" in data else ()
     keys = (
         *_KEYS,
         *(_MODELS if added else _MODEL),
         *components,
-        *(_LINES if lines else ()),
+        *(_LINES if any(named.values()) else ()),
         *(_SPANS if spans else ()),
     )
-    panels = _panels(data, spans, lines, added=added)
+    panels = _panels(data, spans, named, added=added)
     return Chapter("spectrum", "Spectrum", title, lead, panels, keys=keys, layout="full")
 
 
-def identified(summary: Mapping[str, Any]) -> tuple[Line, ...]:
-    """Lines that statements identify, by name and energy; the likeliest name of each statement."""
+def identified(summary: Mapping[str, Any], instrument: str = "") -> tuple[Line, ...]:
+    """Lines that statements identify, where an instrument recorded them; the likeliest name of each.
+
+    A name is that of an energy at rest, which is recorded elsewhere if the source recedes, or a gain is off.
+    """
     found = []
     for statement in summary.get("statements") or []:
         for item in (statement.get("identification") or [])[:1]:
-            energy = finite(item.get("energy_kev"))
+            rest, fitted = item.get("energy_kev"), finite(pick(statement, "parameters", "energy", "value"))
+            energy = finite(rest) if fitted is None else _recorded(fitted, summary, instrument)
             if energy is not None:
                 found.append(Line(energy, str(item.get("name"))))
     return tuple(found)
+
+
+def _recorded(energy: float, summary: Mapping[str, Any], instrument: str) -> float:
+    """Where an instrument's channels hold an energy (keV), after the model's gains one after the other."""
+    from gaugeblock.simulators.xray.effects.instrument import PIVOT
+
+    for one in amplitudes(summary):
+        value, effect = finite(one.get("value")), str(one.get("effect")).removesuffix(f"[{instrument}]")
+        if value is None:
+            continue
+        if effect == "gain_slope":
+            energy *= value
+        elif effect == "gain_offset":
+            energy += value
+        elif effect == "gain_curve":
+            energy += value * energy * (energy - PIVOT) / PIVOT
+    return energy
 
 
 def _summed(sources: int) -> str:
@@ -80,7 +102,7 @@ def _summed(sources: int) -> str:
 
 
 def _panels(
-    data: xr.Dataset, spans: Sequence[tuple[str, Span]], lines: Sequence[Line], *, added: bool
+    data: xr.Dataset, spans: Sequence[tuple[str, Span]], named: Mapping[str, Sequence[Line]], *, added: bool
 ) -> tuple[Panel, ...]:
     made = []
     for index, part in enumerate(parts(data)):
@@ -93,8 +115,9 @@ def _panels(
         pairs = [(held["before"], held["residual_before"]), *([after] if after else [])]
         # Before and after share a scale, or the eye would not see the gap shrink.
         half = max(residual_height(shown_residual(part, held["counts"], *pair)) for pair in pairs)
+        lines = named[part.name] if part.role != "background" else ()
         picture = spectrum_figure(
-            part, held["counts"], *pairs[0], after=after, lines=lines if part.role != "background" else (),
+            part, held["counts"], *pairs[0], after=after, lines=lines,
             spans=[span for name, span in spans if name == part.name],
             components=_components(data, part) if added else None,
             half_height=half, key=f"spectrum-{index}", name=f"{part.name}: data and model",

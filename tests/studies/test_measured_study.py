@@ -27,7 +27,9 @@ def found(named, *alike, certain=()):
         (LINE, found("unnamed", "unnamed", "emission_line"), False, False, []),
         (LINE, found(None), False, False, []),
         (LINE, found("background", "background", "emission_line"), False, True, []),
-        (LINE, found("emission_line", certain=("emission_line", "background")), True, False, ["background"]),
+        (LINE, found("emission_line", certain=("emission_line", "background")), False, False, ["background"]),
+        (LINE, found("emission_line", certain=("emission_line", "reflection", "emission_line")), True,
+         False, []),
         (LINE, found("gain_slope", certain=("gain_slope", "pileup")), False, False, []),
         (LINE, found("gain_slope", "gain_slope", "emission_line", certain=("pileup", "gain_slope")), True,
          False, []),
@@ -45,6 +47,12 @@ def test_counts_have_exact_limits():
     rows = {str(i): {"kind": "line", "right": i < 6} for i in range(7)}
     assert summary(rows) == "strong cases: 6 of 7 right (0.42 to 1.00)"
     assert "controls and weak cases: 1 of 1" in summary({**rows, "x": {"kind": "weak", "right": True}})
+
+
+def test_what_is_wrong_beside_the_right_name_is_told():
+    row = {"kind": "line", "named": "emission_line", "set": ["emission_line"], "right": False, "seconds": 1.0}
+    said = shown({"a_b": row | {"beside": ["pileup"]}})
+    assert "| a | line | `emission_line`, wrong beside it `pileup` | - | no | 1 |" in said
 
 
 def test_a_folder_without_cases_is_refused(tmp_path, capsys):

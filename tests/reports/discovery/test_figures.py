@@ -109,6 +109,19 @@ def test_lines_are_those_that_statements_identify():
     assert identified({}) == ()
 
 
+def test_lines_are_drawn_where_they_are_recorded():
+    """At a redshift of 0.3, in a model that has gains of its own, of one instrument or of both."""
+    line = {"identification": [{"name": "Fe K", "energy_kev": 6.4}]}
+    summary = {"statements": [line | {"parameters": {"energy": {"value": 4.923}}}], "amplitude": []}
+    assert identified(summary) == (Line(4.923, "Fe K"),)
+    gains = [("gain_slope", 1.02), ("gain_offset[pn]", 0.05), ("gain_curve", 0.01), ("effective_area", 0.3)]
+    summary["amplitude"] = [{"effect": effect, "value": value} for effect, value in gains]
+    for name, offset in (("pn", 0.05), ("mos", 0.0), ("", 0.0)):
+        scaled = 1.02 * 4.923 + offset
+        (drawn,) = identified(summary, name)
+        assert drawn.energy == pytest.approx(scaled + 0.01 * scaled * (scaled - 5.9) / 5.9)
+
+
 def test_channels_without_counts_are_no_points_but_have_residuals():
     counts = np.r_[np.zeros(50), np.full(50, 40.0)]
     picture = figure(counts, np.full(100, 20.0))
