@@ -31,7 +31,7 @@ from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.xray import Response, XraySpectrum, data, w_statistic, with_background
 from studies.kit.command import carried_out, given, parser
 from studies.kit.page import fill, table
-from studies.kit.results import measured, read, record, write
+from studies.kit.results import measured, of_commit, read, record, write
 from studies.kit.resume import Arrays, Pieces
 
 NAME = "studies w-bias"
@@ -152,7 +152,7 @@ def shown(made: xr.Dataset) -> str:
         "one spectrum's scatter", "W / bin, its own fit", "W / bin, the joint fit", "C / bin, the joint fit",
     ]  # fmt: skip
     number = made.sizes["replicate"]
-    return f"{table(heads, rows)}\n\n{number} spectra a row: `{made.attrs['command']}`."
+    return f"{table(heads, rows)}\n\n{number} spectra a row: `{made.attrs['command']}`{of_commit(made)}."
 
 
 def main(arguments: Sequence[str]) -> int:

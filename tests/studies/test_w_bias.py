@@ -5,7 +5,7 @@ import pytest
 
 pytest.importorskip("jaxspec")
 from studies import w_bias
-from studies.kit.results import read
+from studies.kit.results import DOCS, RESULTS, read
 
 pytestmark = pytest.mark.usefixtures("xray_data")
 
@@ -56,3 +56,15 @@ def test_w_is_biased_where_channels_are_empty_and_the_joint_likelihood_is_not(tm
     (tmp_path / "xray.md").write_text("<!-- w statistic --><!-- /w statistic -->")
     assert w_bias.main(["--page", "--out", str(tmp_path), "--docs", str(tmp_path)]) == 0
     assert printed in (tmp_path / "xray.md").read_text()
+
+
+def test_the_page_says_what_was_measured():
+    made = read(RESULTS / "w-bias.nc")
+    assert w_bias.shown(made) in (DOCS / "xray.md").read_text(encoding="utf-8")
+    assert tuple(made["background"].values) == w_bias.BACKGROUNDS
+    faint = made.sel(background=0.1, source=1.0)
+    assert faint["by_w"].mean() < 0.1
+    # Nowhere is the joint fit further off than four standard errors.
+    off = made["by_joint"] - 1.0
+    error = off.std("replicate") / np.sqrt(made.sizes["replicate"])
+    assert (np.abs(off.mean("replicate")) < 4 * error).all()
