@@ -4,10 +4,15 @@
     python -m studies planted --page                 # docs/measured.md of results/planted.nc; runs nothing
 
 Eight spectra of five instruments that their models describe are thinned, each case by a lot of its own: what
-is left are Poisson counts of a shorter observation. A control is that. Else one fault is planted, by code
-that shares nothing with the search: a narrow line (counts drawn from the response's own rows), an energy
-scale (photons are said to have another energy than they had), an area (the curve is changed, the counts are
-not), or a background (counts of the background region are added, and nobody is told of them).
+is left are Poisson counts of a shorter observation. That is a control. In the same counts one fault is
+planted, by code that shares nothing with the search: a narrow line (counts drawn from the response's own
+rows), an energy scale (photons are said to have another energy than they had), an area (the curve is changed,
+the counts are not), or a background (counts of the background region are added, and nobody is told of them).
+Both are searched. Every fault is planted equally often in every spectrum, whether it can show there or not;
+the best fit before any search says which cases are strong.
+
+An amplitude is held against what was planted less what the same search finds of that effect in the control: a
+real spectrum has a little of everything.
 
 The cases are drawn from the digest of the commit that is measured: nobody knew them before its code was
 frozen, and anybody can make them again.
@@ -21,7 +26,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import takewhile
 from pathlib import Path
@@ -35,6 +40,7 @@ from scipy import optimize, special
 from gaugeblock import discovery, simulators
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.progress import Bars
+from gaugeblock.simulators.xray.cross_sections import TBABS, cross_section
 from studies.kit.command import carried_out, given_folder, of_a_commit, seeded
 from studies.kit.page import fill, table
 from studies.kit.results import clopper_pearson, measured_commit, read, write
@@ -42,9 +48,6 @@ from studies.kit.resume import Pieces, code_of, stream
 from studies.measured import scored
 
 NAME = "studies planted"
-CONTROLS = 8
-"""Of each spectrum."""
-
 NAMES = (
     *("emission_line", "absorption_line", "absorption_edge", "partial_covering", "soft_excess"),
     *("high_energy_cutoff", "thermal_continuum", "gain_slope", "gain_offset", "gain_curve"),
@@ -60,6 +63,10 @@ BACKGROUND = (0.4, 0.6)
 
 STRONG = 50.0
 """A case is strong if Cash's statistic of its best fit is that much above the number of bins: 25 nats."""
+
+MEASURED = {"emission_line": "norm", "gain_slope": "slope"}
+"""Amplitudes that are the same number as what was planted. A trapezoid of the area is no Gaussian, and a real
+background no power law: theirs are not compared."""
 
 Counts = NDArray[np.int64]
 Rng = np.random.Generator
@@ -81,11 +88,12 @@ class Base:
 class Fault:
     """What is planted: how often in each spectrum, how, and which headline is right.
 
-    `plant` takes the files' tables, which it changes, and random numbers, and says what was planted.
-    `tolerated` may stand beside the right name; every other certain name is an error.
+    `plant` takes the files' tables, which it changes, and random numbers, and says what was planted: its
+    `size`, and the `flux` of a line in photons/cm2, of the whole exposure, at the detector. `tolerated` may
+    stand beside the right name; every other certain name is an error.
     """
 
-    each: Mapping[str, int]
+    each: int
     plant: Callable[[Tables, Rng], dict[str, float]]
     tolerated: tuple[str, ...] = ()
     withheld: bool = False
@@ -154,7 +162,8 @@ def line(tables: Tables, rng: Rng) -> dict[str, float]:
     width, nats = 0.002 * energy, float(np.exp(rng.uniform(np.log(40), np.log(120))))
     photons = np.diff(special.ndtr((tables.energies - energy) / width), axis=1)[:, 0]
     shape = folded(tables.rows, photons * tables.area, len(tables.counts))
-    shape /= shape.sum()
+    seen = shape.sum()
+    shape /= seen
     # The continuum around, of the counts themselves, a twentieth of the energy to either side.
     reach = max(3, int(0.05 * np.argmax(shape)))
     smooth = np.convolve(tables.counts, np.ones(2 * reach + 1) / (2 * reach + 1), "same")
@@ -167,7 +176,7 @@ def line(tables: Tables, rng: Rng) -> dict[str, float]:
 
     size = float(np.exp(optimize.brentq(promised, 0.0, np.log(1e6))))
     tables.counts = tables.counts + rng.poisson(size * shape)
-    return {"size": size, "energy": energy, "nats": nats}
+    return {"size": size, "energy": energy, "nats": nats, "flux": size / float(seen)}
 
 
 def gain(tables: Tables, rng: Rng) -> dict[str, float]:
@@ -198,20 +207,13 @@ def background(tables: Tables, _rng: Rng) -> dict[str, float]:
     return {"size": added / float(tables.counts.sum())}
 
 
-def nothing(_tables: Tables, _rng: Rng) -> dict[str, float]:
-    """A control."""
-    return {"size": 0.0}
-
-
-EVERY = ("g215", "grb070110", "m31", "3c186", "pks1127", "ngc7793_pn", "ngc7793_mos1", "ngc7793_mos2")
 FAULTS: Mapping[str, Fault] = {
-    "emission_line": Fault(dict.fromkeys(EVERY, 2), line),
-    "gain_slope": Fault({"pks1127": 6}, gain, ("gain_offset", "gain_curve")),
-    "effective_area": Fault({"pks1127": 6}, area, ("partial_covering",)),
-    "background": Fault(dict.fromkeys(EVERY, 1), background, withheld=True),
-    "": Fault(dict.fromkeys(EVERY, CONTROLS), nothing),
+    "emission_line": Fault(3, line),
+    "gain_slope": Fault(2, gain, ("gain_offset", "gain_curve")),
+    "effective_area": Fault(2, area, ("partial_covering",)),
+    "background": Fault(1, background, withheld=True),
 }
-"""Energy scale and area show in the brightest spectrum alone: in the others 5 per cent are a few sigma."""
+"""In the eight spectra 64 cases and as many controls."""
 
 
 def read_tables(base: Base) -> Tables:
@@ -292,65 +294,99 @@ def _patched(source: Path, target: Path, table: str, columns: Mapping[str, NDArr
     target.write_bytes(whole)
 
 
-def thinned(tables: Tables, rng: Rng, *, withheld: bool = False) -> float:
-    """Leave a share of all counts, source's and background's; that share.
+def thinned(tables: Tables, rng: Rng, *, withheld: bool = False) -> tuple[float, Tables]:
+    """Leave a share of all counts, source's and background's; that share, and a control of the same counts.
 
-    Of a source whose background will be withheld so little is left that the background is about half.
+    Of a source whose background will be withheld so little is left that the background, whole, is about half.
     """
+    share = float(rng.uniform(*tables.base.kept))
     if withheld:
         part = float(rng.uniform(*BACKGROUND))
         share = min(1.0, float(tables.background.sum() / tables.counts.sum()) * (1 - part) / part)
-        tables.counts = rng.binomial(tables.counts, share)
-        return share
-    share = float(rng.uniform(*tables.base.kept))
     tables.counts = rng.binomial(tables.counts, share)
-    tables.background = rng.binomial(tables.background, share)
-    return share
+    left = rng.binomial(tables.background, share)
+    if not withheld:
+        tables.background = left
+    return share, replace(tables, background=left)
 
 
-def case(base: Base, fault: str, number: int, seed: int) -> dict[str, Any]:
-    """Plant, search as a user would, and score."""
-    import gaugeblock as gb
-
+def case(base: Base, fault: str, number: int, seed: int) -> dict[str, dict[str, Any]]:
+    """Plant, search as a user would, and score: ``planted``, and ``control`` without what was planted."""
     rng = np.random.default_rng(stream(seed, base.name, fault, number))
     how, tables = FAULTS[fault], read_tables(base)
-    share = thinned(tables, rng, withheld=how.withheld)
+    share, control = thinned(tables, rng, withheld=how.withheld)
     planted = how.plant(tables, rng)
-    began = time.process_time()
+    found, seconds = _searched(tables, share, number, withheld=how.withheld)
+    bare, bare_seconds = _searched(control, share, number)
+    said = {**_scored(fault, planted, found), "seconds": seconds, "counts": int(tables.counts.sum())}
+    if fault in MEASURED:
+        stated = {} if fault == "gain_slope" else {"energy": planted["energy"] * (1 + base.redshift)}
+        alone, _ = _searched(control, share, number, only=(fault,), **stated)
+        (row,) = (one for one in alone["candidates"] if one["effect"] == fault)
+        said["without"] = row["parameters"][MEASURED[fault]]
+        said["amplitude"] = planted["size"] if fault == "gain_slope" else _norm(planted, base, share, bare)
+    without = {**_scored("", {"size": 0.0}, bare), "seconds": bare_seconds}
+    return {"planted": said, "control": {**without, "counts": int(control.counts.sum())}}
+
+
+def _searched(
+    tables: Tables, share: float, seed: int, *, withheld: bool = False, **asked: Any
+) -> tuple[dict[str, Any], float]:
+    """What a user would find in files of these tables, and CPU seconds."""
+    import gaugeblock as gb
+
+    began, base = time.process_time(), tables.base
     with tempfile.TemporaryDirectory() as temporary:
         files = written(tables, share, Path(temporary))
         found = gb.discover(
             files["pha"],
             rmf=files["rmf"],
             arf=files["arf"],
-            background=("none",) if how.withheld else (str(files["background"]),),
+            background=("none",) if withheld else (str(files["background"]),),
             model=base.model,
             band=base.band,
             redshift=base.redshift,
-            seed=number,
+            seed=seed,
             progress=False,
+            **asked,
         ).to_json()
-    seconds = time.process_time() - began
+    return found, round(time.process_time() - began, 1)
+
+
+def _norm(planted: Mapping[str, float], base: Base, share: float, bare: Mapping[str, Any]) -> float:
+    """Photons/cm2/s of a planted line before the absorber, which is that of the control's fit."""
+    from astropy.io import fits
+
+    with fits.open(base.files["pha"]) as file:
+        seconds = file["SPECTRUM"].header["EXPOSURE"] * share
+    column = bare["fit"]["before"]["parameters"]["tbabs_1.nh"]["value"]
+    (depth,) = column * cross_section(np.array([planted["energy"]]), TBABS)
+    return float(planted["flux"] / seconds * np.exp(depth))
+
+
+def _scored(fault: str, planted: Mapping[str, float], found: Mapping[str, Any]) -> dict[str, Any]:
+    """Whether what was found is right of a fault; of none (``""``) if nothing is."""
+    tolerated = FAULTS[fault].tolerated if fault else ()
     rules = {
         "kind": "planted" if fault else "control",
         "accept": [fault or "nothing"],
         "set_must_contain_one_of": [fault] if fault else [],
-        "reject": [name for name in NAMES if name not in (fault, *how.tolerated)] if fault else ["any name"],
+        "reject": [name for name in NAMES if name not in (fault, *tolerated)] if fault else ["any name"],
     }
     said = scored(rules, found)
     # Whatever is certain beside what was planted is wrong, by whatever name, or none.
     certain = [one for one in found["statements"] if one["certain"]]
-    beside = [one["effect"] for one in certain[1:] if one["effect"] not in how.tolerated]
+    beside = [one["effect"] for one in certain[1:] if one["effect"] not in tolerated]
     # Up to the first that is certain, as far as they hold the answer.
     likely = list(takewhile(lambda one: not one["certain"], found["statements"]))
     holds = [one for one in (*certain[:1], *likely) if one["effect"] == fault and _there(one, planted)]
     sure = not fault or bool(holds and holds[0]["certain"])
     return {
-        **said, "planted": planted, "counts": int(tables.counts.sum()), "beside": beside,
+        **said, "planted": planted, "beside": beside,
         "probability": [one["probability"] for one in certain],
         "parameters": holds[0]["parameters"] if holds else {},
-        "right": bool(said["right"] and not beside and sure), "seconds": round(seconds, 1),
-        "stated": bool(holds) and all(one["effect"] in (fault, *how.tolerated) for one in certain),
+        "right": bool(said["right"] and not beside and sure),
+        "stated": bool(holds) and all(one["effect"] in (fault, *tolerated) for one in certain),
         "before": found["fit"]["before"],
     }  # fmt: skip
 
@@ -368,40 +404,65 @@ def run(chosen: argparse.Namespace, command: str) -> None:
     seed, attributes = seeded("planted", chosen, command)
     known = bases(chosen.folder)
     wanted = {
-        f"{fault or 'control'}-{name}-{number}": partial(case, known[name], fault, number, seed)
+        f"{fault}-{name}-{number}": partial(case, base, fault, number, seed)
         for fault, how in FAULTS.items()
-        for name, most in how.each.items()
-        for number in range(min(most, chosen.each or most))
-        if name in known
+        for name, base in known.items()
+        for number in range(min(how.each, chosen.each or how.each))
     }
     key = {"seed": str(seed), "code": code_of(discovery, simulators)}
     with Bars() as bars:
         pieces = Pieces(chosen.work or chosen.out / "checkpoints", key, "planted", bars.show, chosen.workers)
         found = pieces.made(wanted)
-    rows = [_row(name, one) for name, one in found.items()]
+    rows = [_row(name, kind, said) for name, both in found.items() for kind, said in both.items()]
     made = xr.Dataset({name: ("row", np.array([row[name] for row in rows])) for name in rows[0]})
     made = made.assign_attrs(attributes)
     write({"": made}, chosen.out / "planted.nc")
     sys.stdout.write(shown(made) + "\n")
 
 
-def _row(name: str, found: Mapping[str, Any]) -> dict[str, Any]:
+def _row(name: str, kind: str, found: Mapping[str, Any]) -> dict[str, Any]:
     fault, base, _ = name.split("-")
     energy = found["parameters"].get("energy") or {}
+    size = found["parameters"].get(MEASURED.get(fault, "")) or {}
     return {
-        "fault": fault, "spectrum": base, "named": found["named"] or "", "set": " ".join(found["set"]),
+        "fault": fault if kind == "planted" else kind, "beneath": fault, "spectrum": base,
+        "named": found["named"] or "", "set": " ".join(found["set"]),
         "certain": " ".join(found["certain"]), "right": found["right"], "beside": " ".join(found["beside"]),
         "p_global": found["p_global"], "counts": found["counts"], "seconds": found["seconds"],
         "size": found["planted"]["size"], "energy": found["planted"].get("energy", np.nan),
         "energy_lo": energy.get("low", np.nan), "energy_hi": energy.get("high", np.nan),
+        "amplitude": found.get("amplitude", np.nan), "without": found.get("without", np.nan),
+        "amplitude_lo": size.get("low", np.nan), "amplitude_hi": size.get("high", np.nan),
         "stated": found["stated"], "statistic": found["before"]["statistic"], "bins": found["before"]["bins"],
     }  # fmt: skip
+
+
+def intervals(made: xr.Dataset) -> list[tuple[str, int, int]]:
+    """What was planted, how many of its 90% intervals hold it, and of how many; amplitudes as differences.
+
+    Of a line's energy, which no control has, and of the amplitudes in `MEASURED`: the interval less what the
+    control has of that effect.
+    """
+    found = []
+    for fault, parameter in MEASURED.items():
+        part = made.isel(row=made["fault"].values == fault)
+        neutral = 1.0 if parameter == "slope" else 0.0
+        offset = part["without"].values - neutral
+        pairs = [(f"{fault}, {parameter}", part["amplitude"].values, "amplitude", offset)]
+        if fault == "emission_line":
+            pairs.append((f"{fault}, energy", part["energy"].values, "energy", 0.0 * offset))
+        for words, planted, name, off in pairs:
+            low, high = (part[f"{name}_{end}"].values - off for end in ("lo", "hi"))
+            there = np.isfinite(low) & np.isfinite(high) & np.isfinite(planted)
+            held = (low <= planted) & (planted <= high)
+            found.append((words, int(held[there].sum()), int(there.sum())))
+    return found
 
 
 def shown(made: xr.Dataset) -> str:
     """Rates by fault, with exact 95% limits, and what else was said."""
     lines = []
-    for fault in [name or "control" for name in FAULTS]:
+    for fault in (*FAULTS, "control"):
         part = made.isel(row=made["fault"].values == fault)
         if not part.sizes["row"]:
             continue
@@ -428,7 +489,14 @@ def shown(made: xr.Dataset) -> str:
         words = "of these strong: 25 nats or more in the best fit"
         lines.append([words, _rate(strong), _rate(strong, _held(strong)), "", ""])
     heads = ["planted", "named first, and certain", "in the first set", "else named", "CPU s, median"]
-    return f"{table(heads, lines)}\n\n{measured_commit(made)}"
+    text = f"{table(heads, lines)}\n\n{measured_commit(made)}"
+    if "without" not in made:
+        return text
+    told = []
+    for words, held, number in intervals(made):
+        low, high = clopper_pearson(held, number) if number else (0.0, 1.0)
+        told.append(f"{words}: {held} of {number} ({low:.0%} to {high:.0%})")
+    return f"{text} 90% intervals that hold what was planted, less what the control has: {'; '.join(told)}."
 
 
 def _held(part: xr.Dataset) -> NDArray[np.bool_]:

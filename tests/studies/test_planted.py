@@ -5,9 +5,12 @@ from copy import copy
 
 import numpy as np
 import pytest
+import xarray as xr
 from studies import planted
 from studies.kit.page import filled
-from studies.kit.results import read
+from studies.kit.results import DOCS, RESULTS, read
+
+from gaugeblock.core.errors import InputError
 
 pytestmark = pytest.mark.usefixtures("xray_data")
 
@@ -87,16 +90,29 @@ def test_a_background_is_the_regions_own_counts(whole, tables):
 
 
 def test_thinned_counts_are_of_a_shorter_observation(base, whole, tables):
-    share = planted.thinned(tables, np.random.default_rng(5))
+    share, control = planted.thinned(tables, np.random.default_rng(5))
     assert base.kept[0] < share < base.kept[1]
     for left, all_of_it in ((tables.counts, whole.counts), (tables.background, whole.background)):
         assert np.all(left <= all_of_it)
         assert left.sum() == pytest.approx(share * all_of_it.sum(), abs=5 * np.sqrt(all_of_it.sum() / 4))
+    # What is planted afterwards is not in the control, which is otherwise the same.
+    assert np.array_equal(control.counts, tables.counts)
+    assert np.array_equal(control.background, tables.background)
+    names = ("counts", "background", "area", "energies")
+    before = [getattr(control, name).copy() for name in names]
+    for plant in (planted.line, planted.gain, planted.area, planted.background):
+        plant(tables, np.random.default_rng(1))
+    for kept, name in zip(before, names, strict=True):
+        assert np.array_equal(kept, getattr(control, name))
 
 
 def test_a_background_that_is_withheld_is_about_half(whole, tables):
-    planted.thinned(tables, np.random.default_rng(5), withheld=True)
+    share, control = planted.thinned(tables, np.random.default_rng(5), withheld=True)
     assert np.array_equal(tables.background, whole.background)
+    # The control's background is told, as long as its source was observed.
+    assert np.array_equal(control.counts, tables.counts)
+    left, number = control.background.sum(), whole.background.sum()
+    assert left == pytest.approx(share * number, abs=5 * np.sqrt(number / 4))
     said = planted.background(tables, np.random.default_rng(6))
     assert 0.37 < said["size"] < 0.63
 
@@ -130,10 +146,19 @@ def test_files_hold_what_was_planted_and_nothing_else_is_changed(base, tables, t
 
 
 def found(*statements, named, alike=(), certain=True):
-    known = {"energy": {"value": 2.0, "low": 1.9, "high": 2.1}}
+    known = {
+        "energy": {"value": 2.0, "low": 1.9, "high": 2.1},
+        "slope": {"value": 1.05, "low": 1.03, "high": 1.07},
+        "norm": {"value": 2e-5, "low": 1e-5, "high": 3e-5},
+    }  # fmt: skip
+    fit = {"statistic": 120.0, "bins": 100, "parameters": {"tbabs_1.nh": {"value": 0.5}}}
     return {
         "named": named, "indistinguishable": list(alike), "disagreement": {"p_global": 0.002},
-        "fit": {"before": {"statistic": 120.0, "bins": 100}},
+        "fit": {"before": fit},
+        "candidates": [
+            {"effect": "gain_slope", "parameters": {"slope": 1.01}},
+            {"effect": "emission_line", "parameters": {"norm": 1e-6}},
+        ],
         "statements": [
             {"effect": effect, "certain": certain, "probability": 0.95, "parameters": known}
             for effect in statements
@@ -159,9 +184,6 @@ class Canned:
 @pytest.mark.parametrize(
     ("fault", "said", "right"),
     [
-        ("", found(named=None), True),
-        ("", found("emission_line", named="emission_line", alike=["emission_line"]), False),
-        ("", found("unnamed", named="unnamed"), False),
         ("background", found("background", named="background", alike=["background"]), True),
         ("background", found("background", "emission_line", named="background", alike=["background"]), False),
         ("background", found("background", "unnamed", named="background", alike=["background"]), False),
@@ -181,45 +203,130 @@ def test_a_case_is_right_if_the_headline_is_and_nothing_else_is_certain(
 
     monkeypatch.setattr("gaugeblock.discover", discover, raising=False)
     if fault == "emission_line":
-        monkeypatch.setattr(
-            planted, "FAULTS", {fault: planted.Fault({}, lambda *_: {"size": 1.0, "energy": 2.02})}
-        )
-    row = planted.case(base, fault, 0, 1)
+        there = planted.Fault(1, lambda *_: {"size": 1.0, "energy": 2.02, "flux": 1.0})
+        monkeypatch.setattr(planted, "FAULTS", {fault: there})
+    both = planted.case(base, fault, 0, 1)
+    row = both["planted"]
     assert row["right"] is right
-    assert asked[0]["background"] == (("none",) if fault == "background" else asked[0]["background"])
+    assert (asked[0]["background"] == ("none",)) is (fault == "background")
+    assert asked[1]["background"] != ("none",)
     assert row["before"]["bins"] == 100
-    if fault:
-        # What holds the answer, certain or not, is right as a statement, unless something else is certain.
-        assert row["stated"] is right
-        monkeypatch.setattr("gaugeblock.discover", lambda *_, **__: Canned(doubted(said)), raising=False)
-        doubtful = planted.case(base, fault, 0, 1)
-        assert doubtful["right"] is False
-        assert doubtful["stated"] is (fault in [one["effect"] for one in said["statements"]])
-        monkeypatch.setattr("gaugeblock.discover", discover, raising=False)
+    # The control of the same search is right if that says nothing.
+    assert both["control"]["right"] is (said["named"] is None)
+    # What holds the answer, certain or not, is right as a statement, unless something else is certain.
+    assert row["stated"] is right
+    monkeypatch.setattr("gaugeblock.discover", lambda *_, **__: Canned(doubted(said)), raising=False)
+    doubtful = planted.case(base, fault, 0, 1)["planted"]
+    assert doubtful["right"] is False
+    assert doubtful["stated"] is (fault in [one["effect"] for one in said["statements"]])
     if fault == "emission_line":
-        elsewhere = planted.Fault({}, lambda *_: {"size": 1.0, "energy": 2.2})
+        elsewhere = planted.Fault(1, lambda *_: {"size": 1.0, "energy": 2.2, "flux": 1.0})
+        monkeypatch.setattr("gaugeblock.discover", discover, raising=False)
         monkeypatch.setattr(planted, "FAULTS", {fault: elsewhere})
-        assert planted.case(base, fault, 0, 1)["right"] is False
+        assert planted.case(base, fault, 0, 1)["planted"]["right"] is False
+
+
+@pytest.mark.parametrize(
+    ("said", "right"),
+    [
+        (found(named=None), True),
+        (found("emission_line", named="emission_line", alike=["emission_line"]), False),
+        (found("unnamed", named="unnamed"), False),
+    ],
+)
+def test_a_control_is_right_if_nothing_is_named(base, monkeypatch, said, right):
+    monkeypatch.setattr("gaugeblock.discover", lambda *_, **__: Canned(said), raising=False)
+    assert planted.case(base, "gain_slope", 0, 1)["control"]["right"] is right
+
+
+def test_an_amplitude_is_held_against_what_the_control_lacks(base, whole, monkeypatch):
+    """A line's in photons before the absorber that the control's fit has; of a control asked for it alone."""
+    from astropy.io import fits
+
+    asked = []
+
+    def discover(_pha, **options):
+        asked.append(options)
+        return Canned(found("emission_line", named="emission_line", alike=["emission_line"]))
+
+    monkeypatch.setattr("gaugeblock.discover", discover, raising=False)
+    row = planted.case(base, "emission_line", 0, 1)["planted"]
+    at = row["planted"]["energy"]
+    assert [one.get("only") for one in asked] == [None, None, ("emission_line",)]
+    assert asked[2]["energy"] == pytest.approx(at)
+    assert row["without"] == 1e-6
+    with fits.open(base.files["pha"]) as file:
+        seconds = file["SPECTRUM"].header["EXPOSURE"]
+    # Counts of the line, were there no absorber, over the exposure, the area and the matrix around it.
+    share = row["counts"] / whole.counts.sum()
+    middle = whole.energies.mean(axis=1)
+    rows = np.array([sum(part.sum() for _, part in one) for one in whole.rows])
+    area = np.interp(at, middle, whole.area * rows)
+    absorbed = row["planted"]["size"] / (share * seconds * area)
+    assert 1.0 < row["amplitude"] / absorbed < np.exp(0.5 * 30.0 * at**-2.5)
+    gain = planted.case(base, "gain_slope", 0, 1)["planted"]
+    assert (gain["without"], gain["amplitude"]) == (1.01, gain["planted"]["size"])
+    assert "amplitude" not in planted.case(base, "effective_area", 0, 1)["planted"]
+
+
+def test_intervals_hold_what_was_planted_less_what_the_control_has():
+    nan = np.nan
+    made = xr.Dataset(
+        {
+            name: ("row", values)
+            for name, values in {
+                "fault": ["gain_slope"] * 3 + ["emission_line"] * 2 + ["control", "background"],
+                "amplitude": [1.05, 1.05, 1.05, 1e-5, 1e-5, nan, nan],
+                "without": [1.0, 1.02, 1.02, 0.0, 5e-6, nan, nan],
+                "amplitude_lo": [1.04, 1.04, 1.06, 0.5e-5, 0.5e-5, nan, 0.0],
+                "amplitude_hi": [1.06, 1.06, 1.08, 1.4e-5, 1.4e-5, nan, 1.0],
+                "energy": [nan] * 3 + [2.0, 3.0, nan, nan],
+                "energy_lo": [nan] * 3 + [1.9, nan, nan, nan],
+                "energy_hi": [nan] * 3 + [2.1, nan, nan, nan],
+            }.items()
+        }
+    )
+    assert planted.intervals(made) == [
+        ("emission_line, norm", 1, 2), ("emission_line, energy", 1, 1), ("gain_slope, slope", 2, 3),
+    ]  # fmt: skip
+
+
+def test_every_fault_is_planted_as_often_in_every_spectrum(tmp_path, monkeypatch):
+    asked = []
+
+    def made(_, wanted):
+        for one in wanted.values():
+            one()
+        raise InputError("enough")
+
+    monkeypatch.setattr(planted.Pieces, "made", made)
+    monkeypatch.setattr(planted, "case", lambda base, fault, number, seed: asked.append((base.name, fault)))
+    assert planted.main(["--generator-seed", "3", "--out", str(tmp_path)]) == 2
+    for name in planted.bases(None):
+        times = {fault: asked.count((name, fault)) for fault in planted.FAULTS}
+        assert times == {"emission_line": 3, "gain_slope": 2, "effective_area": 2, "background": 1}
 
 
 def test_the_command_keeps_figures_alone_and_makes_a_page(tmp_path, monkeypatch):
     """With searches that say what they are told: of three spectra three controls and as many withheld."""
     monkeypatch.setattr("gaugeblock.discover", lambda *_, **__: Canned(found(named=None)), raising=False)
-    monkeypatch.setattr(planted, "FAULTS", {name: planted.FAULTS[name] for name in ("background", "")})
+    monkeypatch.setattr(planted, "FAULTS", {"background": planted.FAULTS["background"]})
     assert planted.main(["--each", "1", "--generator-seed", "3", "--out", str(tmp_path)]) == 0
     made = read(tmp_path / "planted.nc")
     assert made.sizes["row"] == 6
-    assert made["right"].values.tolist() == [False] * 3 + [True] * 3
+    assert made["right"].values.tolist() == [False, True] * 3
+    assert made["beneath"].values.tolist() == ["background"] * 6
     said = planted.shown(made)
     assert "| `background` | 0 of 3 (0% to 71%) | 0 of 3 (0% to 71%) | nothing 3 |" in said
     assert "| control | 3 of 3 (29% to 100%) | - | - |" in said
-    sets = np.array(["pileup background", "background_line", "", "background", "", ""])
+    assert "emission_line, norm: 0 of 0 (0% to 100%)" in said
+    sets = np.array(["pileup background", "", "background_line", "", "background", ""])
     held = planted.shown(made.assign(set=("row", sets)))
-    assert "| `background` | 0 of 3 (0% to 71%) | 1 of 3 (1% to 91%) | nothing 3 |" in held
-    assert "| all that is planted | 0 of 3 (0% to 71%) | 1 of 3 (1% to 91%) |" in held
+    assert "| `background` | 0 of 3 (0% to 71%) | 2 of 3 (9% to 99%) | nothing 3 |" in held
+    assert "| all that is planted | 0 of 3 (0% to 71%) | 2 of 3 (9% to 99%) |" in held
     # C of 120 for 100 bins is not strong, of 150 is.
     assert "25 nats or more in the best fit | 0 of 0" in said
-    loud = made.assign(statistic=made["bins"] + np.array([50.0, 49.0, 60.0, 99.0, 99.0, 99.0]))
+    loud = made.assign(statistic=made["bins"] + np.array([50.0, 99.0, 49.0, 99.0, 60.0, 99.0]))
     assert "25 nats or more in the best fit | 0 of 2 (0% to 84%) | 0 of 2" in planted.shown(loud)
     (tmp_path / "measured.md").write_text("<!-- measured planted --><!-- /measured planted -->")
     assert planted.main(["--page", "--out", str(tmp_path), "--docs", str(tmp_path)]) == 0
@@ -227,7 +334,15 @@ def test_the_command_keeps_figures_alone_and_makes_a_page(tmp_path, monkeypatch)
     assert filled("<!-- a --><!-- /a -->", {"a": said}).count("all that is planted") == 1
 
 
+def test_earlier_sets_are_shown_as_they_were():
+    """Without controls of the same counts, and with controls by themselves."""
+    page = (DOCS / "measured.md").read_text(encoding="utf-8")
+    for name in ("planted", "planted-first"):
+        assert planted.shown(read(RESULTS / f"{name}.nc")) in page
+
+
 @pytest.mark.slow
 def test_a_strong_line_in_real_counts_is_named(base):
     row = planted.case(base, "emission_line", 0, 5)
-    assert row["named"] == "emission_line"
+    assert row["planted"]["named"] == "emission_line"
+    assert row["control"]["named"] is None
