@@ -56,6 +56,8 @@ class Claim:
     1/2 is of an AUC where there is nothing to see. `transfer`: measured with another response than the
     published one, which is not distributed. `counted` is what its verdict is worth. `chosen`: our spectra
     were picked by the outcome that is claimed. `deterministic`: our number is no estimate, it has no error.
+    `paired`: our spectra are the study's own, so that their noise is in both numbers alike. `network` says
+    whose network the rules speak of, where ours is another.
     """
 
     id: str
@@ -73,6 +75,8 @@ class Claim:
     counted: Counted = Counted.JUDGED
     chosen: bool = False
     deterministic: bool = False
+    paired: bool = False
+    network: str = ""
 
     @property
     def needs(self) -> tuple[str, ...]:

@@ -1,16 +1,18 @@
-"""What was fixed before it is measured: rules, margins, seeds and trainings, as one file and its digest.
+"""What a verdict rests on: rules, margins, networks, seeds and trainings, as one file and its digest.
 
-``python -m studies.paper.fixed`` writes both. Margins come from the published list alone, a rule a kind:
+``python -m studies.paper.fixed`` writes both. Where margins come from, a rule a kind:
 
 - a cell of the grid: 2 sqrt(2) published standard errors (Hanley & McNeil 1982, of its AUC and numbers of
   spectra), as two measurements with the same noise lie apart in 95 of 100 cases; a cell of the gain, where
-  the true value is 1/2: 1/2 +- 0.08;
+  the true value is 1/2: 1/2 +- 0.08. Both are the published list's;
 - what is exact, arithmetic or a setting: what the published list asks for, mostly half a unit of a digit;
-- what needs a flow or the simulator: the bounds that the published list states, one-sided where these are,
-  which were stated from the published numbers and their scatter.
+- what needs a flow or the simulator: the bounds that the published list states, one-sided where these are.
+  Where it says "report" nothing must hold; where it says something without a number, the number is ours.
 
-No number of ours enters, so a margin can be too narrow for our errors: then nothing is decided. How often
-each recipe of the study is trained, and by which seeds, is fixed with them.
+So not every margin is from the published list alone, and not every rule is older than our results: those
+that are not are in `changes.toml`, with what they did to verdicts, and on the page. A margin can be too
+narrow for our errors: then nothing is decided. How often each recipe of the study is trained, and by which
+seeds, is fixed with them.
 """
 
 from __future__ import annotations
@@ -54,8 +56,9 @@ def _entry(name: str) -> dict[str, Any]:
         "by": claim.by,
         "seed": SEED,
     }
-    flags = {word: True for word in ("chosen", "deterministic") if getattr(claim, word)}
-    return entry | flags | ({"repeats": repeats(name)} if repeats(name) else {})
+    flags = {word: True for word in ("chosen", "deterministic", "paired") if getattr(claim, word)}
+    said = {"network": claim.network, "repeats": repeats(name)}
+    return entry | flags | {word: value for word, value in said.items() if value}
 
 
 def _bound(value: float) -> float | None:

@@ -2,12 +2,12 @@
 
 Agreement is shown, not assumed: the 90% interval of our number, or of its difference from the published one,
 lies inside the margin that was fixed beforehand (two one-sided tests at 5%). Where the interval crosses the
-margin, or no error is known, the claim is undecided.
+margin, or no error is known, or the rule speaks of another network than ours, the claim is undecided.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 
@@ -15,16 +15,24 @@ import numpy as np
 from scipy import stats
 
 from gaugeblock.core.errors import InputError
-from studies.paper.claim import Claim, Counted, Kind
+from studies.paper.claim import SINGLE, Claim, Counted, Kind
 from studies.paper.measurement import Measured, Untestable
+from studies.paper.networks import lacking
 from studies.paper.rules import ROUNDING, Holm, Margin, Rule
-from studies.paper.trainings import Scatter, is_paired, scatter
+from studies.paper.trainings import Scatter, scatter
 
 CONFIDENCE = 0.9
 """Of the interval that must lie inside the margin, or outside of it."""
 
 EXACT = frozenset({Kind.EXACT, Kind.ARITHMETIC, Kind.SETUP, Kind.ARTEFACT})
 """Kinds of claims whose numbers need no error."""
+
+MOST = 1000
+"""Times the spectra, or trainings, beyond which nobody goes."""
+
+NO_INTERVAL = "no more runs: a p-value has no interval"
+OF_THE_STUDY = "nothing of ours: the published number is one training and one set of spectra"
+PICKED = "other spectra: such as were not picked by the outcome"
 
 
 class Agreement(Enum):
@@ -43,9 +51,10 @@ class Judgement:
     """A claim's verdict.
 
     `sigma` is the largest difference from what was published, in combined standard errors of spectra alone,
-    infinite where neither side has one. `smallest` is the least difference, or the least excess over a bound,
-    that would have been called. `settles` says what would decide an undecided claim. `trainings` is over how
-    many ours is a mean.
+    infinite where neither side has one. `smallest` is the least difference that would have been called, and
+    `excess` the least excess over a bound, of the widest part; NaN where no rule is of that form. `settles`
+    says what would decide an undecided claim, its kind before a colon. `afterwards` is what was said of a
+    difference after it was seen. `trainings` is over how many ours is a mean.
     """
 
     claim: Claim
@@ -54,36 +63,44 @@ class Judgement:
     errors: Mapping[str, float] = field(default_factory=dict)
     sigma: float = float("nan")
     smallest: float = float("nan")
+    excess: float = float("nan")
     settles: str = ""
     reason: str = ""
+    afterwards: str = ""
     trainings: int = 1
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Seen:
     """A number against its margin: `room` to the nearer bound, negative outside of it, and its errors.
 
-    `ours` is the part of the error that more spectra of ours make smaller, `fixed` the part that nothing of
-    ours does, and `training` the sd between trainings, NaN where it is needed and unknown.
+    `reach` is half of a margin `around` the published number. `ours` is the part of the error that more
+    spectra of ours make smaller, NaN where it is not kept, `fixed` the part that nothing of ours does.
     """
 
+    part: str
     room: float
     reach: float
+    around: bool
     ours: float
     fixed: float
-    training: float
+    scatter: Scatter
     trainings: int
-    df: float
 
     @property
     def half(self) -> float:
         """Half the interval."""
-        return self._error(1.0, self.trainings) * self._quantile
+        return self._half(1.0, self.trainings)
+
+    @property
+    def lent(self) -> bool:
+        """Whether what trainings scatter by is of other claims alone."""
+        return self.scatter.sd != 0.0 and not self.scatter.own
 
     @property
     def verdict(self) -> Agreement:
         """Inside, outside, or across the bound."""
-        if not np.isfinite(self.half):
+        if not np.isfinite(self.half) or self.lent:
             return Agreement.UNDECIDED
         if self.room >= self.half:
             return Agreement.AGREES
@@ -92,27 +109,40 @@ class Seen:
     @property
     def settles(self) -> str:
         """What would decide it, if it came out the same."""
-        if not np.isfinite(self.training):
-            return "trainings: one is kept, at least 5 tell their scatter"
         if not np.isfinite(self.ours):
-            return "an error of ours, which the kept result does not have"
-        needed = (abs(self.room) / self._quantile) ** 2
-        rest = needed - self.fixed**2 - self.training**2 * (1.0 + 1.0 / self.trainings)
-        if rest > 0:
-            times = self.ours**2 / rest
-            return f"{times:.1f} times the spectra" if times < 1000 else "over 1,000 times the spectra"
-        rest = needed - self.fixed**2 - self.training**2
-        if rest > 0 and self.training > 0:
-            return f"over {np.ceil(self.training**2 / rest):.0f} trainings"
-        return "nothing of ours: the published number is one training and one set of spectra"
+            return f"no more runs: {self._named} is kept without an error"
+        times = (
+            self._fewest(lambda n: self._half(n, self.trainings)) if self.ours and not self.lent else np.inf
+        )
+        if times <= MOST:
+            return f"more spectra: {times:.1f} times as many"
+        if (number := self._fewest(lambda n: self._half(1.0, n), self.trainings)) <= MOST:
+            number = max(np.ceil(number), self.trainings + 1.0)
+            return f"more trainings: {number:.0f} instead of {self.trainings}"
+        if abs(self.room) > self._half(np.inf, np.inf):
+            return "more spectra and trainings: neither alone would do"
+        return OF_THE_STUDY
 
     @property
-    def _quantile(self) -> float:
-        return float(stats.t.ppf((1.0 + CONFIDENCE) / 2.0, self.df))
+    def _named(self) -> str:
+        return "our number" if self.part == SINGLE[0] else f"`{self.part}`"
 
-    def _error(self, spectra: float, trainings: int) -> float:
-        trained = self.training**2 * (1.0 + 1.0 / trainings)
-        return float(np.sqrt(self.ours**2 / spectra + self.fixed**2 + trained))
+    def _fewest(self, half: Callable[[float], float], least: float = 1.0) -> float:
+        """From how many on the interval fits; infinite beyond `MOST`."""
+        low, high = least, float(MOST)
+        if half(high) >= abs(self.room):
+            return float("inf")
+        while high - low > 1e-3 * low:
+            middle = 0.5 * (low + high)
+            low, high = (low, middle) if half(middle) < abs(self.room) else (middle, high)
+        return high
+
+    def _half(self, spectra: float, trainings: float) -> float:
+        """With so many times the spectra, and trainings; degrees of freedom by Satterthwaite (1946)."""
+        trained = self.scatter.error(trainings, published=self.around) ** 2
+        total = self.ours**2 / spectra + self.fixed**2 + trained
+        df = self.scatter.freedom(trainings) * (total / trained) ** 2 if trained > 0 else np.inf
+        return float(stats.t.ppf((1.0 + CONFIDENCE) / 2.0, df) * np.sqrt(total))
 
 
 def judge(claim: Claim, found: Measured | Untestable | None) -> Judgement:
@@ -130,78 +160,102 @@ def judge(claim: Claim, found: Measured | Untestable | None) -> Judgement:
         verdict = Agreement.REPORTED if claim.counted is Counted.REPORTED else Agreement.UNTESTABLE
         return Judgement(claim=claim, verdict=verdict, ours=found.found, reason=found.why)
     ours, errors = found.parts, found.errors
-    lacking = [part for part in claim.needs if part not in ours]
-    if lacking:
-        raise InputError(f"claim {claim.id}: the measurement lacks {', '.join(lacking)}")
+    lacking_parts = [part for part in claim.needs if part not in ours]
+    if lacking_parts:
+        raise InputError(f"claim {claim.id}: the measurement lacks {', '.join(lacking_parts)}")
     seen = [seen_of(claim, margin, found) for rule in claim.rules for margin in rule.margins(claim.parts)]
     verdict = _verdict(claim, seen, ours)
-    doubtful = [item for item in seen if item.verdict is Agreement.UNDECIDED]
-    settles = doubtful[0].settles if doubtful else "a statistic with an interval: a p-value has none"
+    differs = verdict is Agreement.DIFFERS
     return Judgement(
         claim=claim,
         verdict=verdict,
         ours=ours,
         errors=errors,
         sigma=_sigma(claim, ours, errors),
-        smallest=max((item.reach + item.half for item in seen), default=float("nan")),
-        settles=_settles(claim, settles) if verdict is Agreement.UNDECIDED else "",
-        reason=_reason(verdict, found),
+        smallest=_widest([item.reach + item.half for item in seen if item.around]),
+        excess=_widest([item.half for item in seen if not item.around]),
+        settles=_settles(claim, seen) if verdict is Agreement.UNDECIDED else "",
+        reason="; ".join(filter(None, (UNEXPLAINED if differs else "", found.note))),
+        afterwards=found.because if differs else "",
         trainings=found.trainings,
     )
 
 
-def _verdict(claim: Claim, seen: list[Seen], ours: Mapping[str, float]) -> Agreement:
+UNEXPLAINED = "unexplained: nothing predicted this number before its run"
+
+
+def _widest(halves: Sequence[float]) -> float:
+    known = [half for half in halves if np.isfinite(half)]
+    return max(known, default=float("nan"))
+
+
+def _verdict(claim: Claim, seen: Sequence[Seen], ours: Mapping[str, float]) -> Agreement:
     if claim.counted is Counted.REPORTED:
         return Agreement.REPORTED
-    if claim.chosen:
+    if claim.chosen or claim.network:
         return Agreement.UNDECIDED
     outcomes = {item.verdict for item in seen}
     # What is said of p-values can be refuted by one, never shown by one that is large.
-    tests = [rule for rule in claim.rules if not rule.margins(claim.parts)]
+    tests = _tests(claim)
     if any(_refuted(rule, claim, ours) for rule in tests) or Agreement.DIFFERS in outcomes:
         return Agreement.DIFFERS
     return Agreement.AGREES if outcomes == {Agreement.AGREES} and not tests else Agreement.UNDECIDED
+
+
+def _tests(claim: Claim) -> list[Rule]:
+    """Rules on p-values, which have no interval."""
+    return [rule for rule in claim.rules if not rule.margins(claim.parts)]
 
 
 def _refuted(rule: Rule, claim: Claim, ours: Mapping[str, float]) -> bool:
     return isinstance(rule, Holm) and not rule.satisfied(claim.parts, ours)
 
 
-def _settles(claim: Claim, otherwise: str) -> str:
-    return "spectra that were not picked by the outcome" if claim.chosen else otherwise
+def _settles(claim: Claim, seen: Sequence[Seen]) -> str:
+    """Of all that is undecided, what takes most: what no run settles comes first."""
+    if claim.chosen:
+        return PICKED
+    if claim.network:
+        return lacking(claim.network)
+    needs = [NO_INTERVAL for _ in _tests(claim)]
+    needs += [item.settles for item in seen if item.verdict is Agreement.UNDECIDED]
+    return max(needs, key=_burden)
 
 
-def _reason(verdict: Agreement, found: Measured) -> str:
-    if verdict is not Agreement.DIFFERS:
-        return found.note
-    told = f"told afterwards: {found.because}" if found.because else found.note
-    return "; ".join(filter(None, ("unexplained", told)))
+ORDER = ("more spectra", "more trainings", "more spectra and trainings", "nothing of ours", "no more runs")
+
+
+def _burden(settles: str) -> tuple[int, float]:
+    kind, _, rest = settles.partition(": ")
+    number = rest.partition(" ")[0]
+    return ORDER.index(kind), float(number) if number[:1].isdigit() else 0.0
 
 
 def seen_of(claim: Claim, margin: Margin, found: Measured) -> Seen:
     """A number against its margin: of ours around what was published with both errors, of ours alone else.
 
-    Where the spectra are the study's own, their noise is in both numbers and drops out of a difference.
+    Where the spectra are the study's own, their noise is in both numbers and drops out: all that is left is
+    of the networks. A rule about a known truth is of all spectra, whose noise counts.
     """
     ours, errors = found.parts, found.errors
     parts = (margin.part, margin.less) if margin.less else (margin.part,)
     value = ours[margin.part] - (ours[margin.less] if margin.less else 0.0)
     slack = ROUNDING * abs(value)
     exact = claim.kind in EXACT or claim.deterministic
-    own = 0.0 if exact else np.sqrt(sum(errors.get(part, np.nan) ** 2 for part in parts))
-    told = claim.error.get(margin.part, 0.0) if margin.around else 0.0
-    if margin.around and is_paired(claim):
-        own = told = 0.0
-    trained = claim.kind is Kind.FLOW
-    known = scatter(claim, margin.part, margin.less) if trained else Scatter(0.0, np.inf)
+    own = 0.0 if exact else float(np.sqrt(sum(errors.get(part, np.nan) ** 2 for part in parts)))
+    told = claim.error.get(margin.part, 0.0) if margin.around and not exact else 0.0
+    known = scatter(claim, margin.part, margin.less, error=own)
+    if claim.paired and not claim.known:
+        own, told = 0.0 * own, 0.0
     return Seen(
+        part=margin.part,
         room=min(value - margin.low, margin.high - value) + slack,
         reach=(margin.high - margin.low) / 2.0 if margin.around else 0.0,
-        ours=float(own),
-        fixed=0.0 if exact else told,
-        training=known.sd if known else float("nan"),
+        around=margin.around,
+        ours=own,
+        fixed=told,
+        scatter=known,
         trainings=found.trainings,
-        df=known.df if known else float("inf"),
     )
 
 

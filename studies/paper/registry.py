@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from fnmatch import fnmatchcase
 from functools import cache
@@ -63,7 +63,24 @@ def _classed(claim: Claim, classes: Mapping[str, Any]) -> Claim:
     else:
         counted = Counted.JUDGED if claim.rules else Counted.REPORTED
     own = {word: claim.id in classes[word] for word in ("chosen", "deterministic")}
-    return replace(claim, counted=counted, **own)
+    networks = classes["network"].items() if claim.kind is Kind.FLOW else ()
+    network = next((name for name, patterns in networks if _among(claim.id, patterns)), "")
+    paired = _among(claim.id, classes["paired"]) or _is_of_kept_spectra(claim.id)
+    return replace(claim, counted=counted, paired=paired, network=network, **own)
+
+
+def _among(name: str, patterns: Iterable[str]) -> bool:
+    return any(fnmatchcase(name, pattern) for pattern in patterns)
+
+
+def _is_of_kept_spectra(name: str) -> bool:
+    """Whether a claim is a cell of the grid whose spectra come out of the study's seeds again."""
+    from studies.paper.grid_populations import is_kept
+
+    if not name.startswith("grid.pn."):
+        return False
+    level, family, *strength, _ = name.split(".")[2:]
+    return is_kept(level, family, float(".".join(strength)))
 
 
 def repeats(name: str) -> str:

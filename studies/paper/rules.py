@@ -114,11 +114,12 @@ class Within:
 
 @dataclass(frozen=True)
 class Interval:
-    """Every part between two bounds, whatever was published."""
+    """Every part between two bounds, which were put `around` the published number, or wherever that is."""
 
     of: tuple[str, ...]
     low: float = -np.inf
     high: float = np.inf
+    around: bool = False
 
     def satisfied(self, published: Parts, ours: Parts, /) -> NDArray[np.bool_]:  # noqa: ARG002
         """Which of the measurements it holds for."""
@@ -126,7 +127,7 @@ class Interval:
 
     def margins(self, published: Parts, /) -> tuple[Margin, ...]:  # noqa: ARG002
         """The bounds of every part."""
-        return tuple(Margin(part, self.low, self.high) for part in self.of)
+        return tuple(Margin(part, self.low, self.high, around=self.around) for part in self.of)
 
     def words(self) -> str:
         """What must hold, for people."""
@@ -134,7 +135,8 @@ class Interval:
             return f"{named(self.of)}at most {self.high:g}"
         if np.isinf(self.high):
             return f"{named(self.of)}at least {self.low:g}"
-        return f"{named(self.of)}{self.low:g} to {self.high:g}"
+        beside = " (around the published)" if self.around else ""
+        return f"{named(self.of)}{self.low:g} to {self.high:g}{beside}"
 
 
 @dataclass(frozen=True)
@@ -219,8 +221,9 @@ def rule_of(table: Mapping[str, Any], parts: tuple[str, ...], where: str) -> Rul
         return Within(of, float(table["within"]))
     if keys == {"relative"}:
         return Within(of, float(table["relative"]), relative=True)
-    if keys and keys <= {"low", "high"}:
-        return Interval(of, float(table.get("low", -np.inf)), float(table.get("high", np.inf)))
+    if keys == {"low", "high", "around"} or (keys and keys <= {"low", "high"}):
+        bounds = float(table.get("low", -np.inf)), float(table.get("high", np.inf))
+        return Interval(of, *bounds, around=bool(table.get("around", False)))
     if keys == {"order"}:
         return Order(tuple(table["order"]))
     if keys == {"holm"}:
@@ -229,5 +232,5 @@ def rule_of(table: Mapping[str, Any], parts: tuple[str, ...], where: str) -> Rul
         return Count(of, int(table["count"]), float(table["below"]))
     raise InputError(
         f"{where}: no rule is made of {', '.join(sorted(keys)) or 'nothing'}; there are within, relative, "
-        "low and high, order, holm, count and below"
+        "low and high (around = true), order, holm, count and below"
     )

@@ -144,6 +144,7 @@ def as_dataset(judgements: Iterable[Judgement]) -> xr.Dataset:
             "standard_error": column([item.errors.get(part, np.nan) for item, part in rows]),
             "sigma": column([item.sigma for item, _ in rows]),
             "smallest": column([item.smallest for item, _ in rows]),
+            "excess": column([item.excess for item, _ in rows]),
             "counted": ("row", [item.claim.counted.value for item, _ in rows]),
             "verdict": ("row", [item.verdict.value for item, _ in rows]),
             "reason": ("row", [item.reason for item, _ in rows]),

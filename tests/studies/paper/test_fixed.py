@@ -6,8 +6,8 @@ import pytest
 from studies.paper import claims
 from studies.paper.claim import Counted
 from studies.paper.fixed import DIGEST, FILE, digest, text
-from studies.paper.page import before
 from studies.paper.registry import repeats
+from studies.paper.verdict_tables import before, changes
 
 
 def test_rules_margins_and_seeds_are_those_that_were_committed():
@@ -56,6 +56,40 @@ def test_what_the_list_only_asks_to_report_is_reported(shared_file):
     assert asked == {name for name, claim in claims().items() if claim.counted is Counted.REPORTED}
 
 
-def test_the_verdicts_before_are_kept():
+def test_the_verdicts_of_both_judges_before_are_kept():
     assert set(before()) == set(claims())
-    assert sum(verdict == "agrees" for verdict in before().values()) == 427
+    first, second = ([verdicts[k] for verdicts in before().values()] for k in (0, 1))
+    assert first.count("agrees") == 427
+    judged = [before()[name][1] for name, claim in claims().items() if claim.counted is Counted.JUDGED]
+    assert [judged.count(word) for word in ("agrees", "differs", "undecided")] == [87, 3, 269]
+    assert len(second) == 477
+    assert len(changes()["digest_before"]) == 64
+    assert changes()["digest_before"] != digest(text())
+
+
+def test_rules_say_whose_network_they_speak_of():
+    content = json.loads(text())["claims"]
+    of = {name: entry["network"] for name, entry in content.items() if "network" in entry}
+    assert sorted(name for name, network in of.items() if network == "undertrained") == [
+        "cal.conformal.pn.bright", "cal.cov.pn.bright.50", "cal.cov.pn.bright.68", "cal.cov.pn.bright.90",
+        "cal.dev.pn.bright", "cal.recovery.r", "cal.sbc.pn.bright", "is.essfrac.bright",
+        "is.khat.bright.clean", "is.lowess.bright", "tab2.production",
+    ]  # fmt: skip
+    assert of["tab2.reseed101"] == "stopped"
+    assert sum(network == "nicer" for network in of.values()) == 117 + 4 + 6
+    # What needs no flow is of no network.
+    assert not {"gm.lin.medium", "xc.fisher", "det.nicer.fwhm", "gm.prior"} & set(of)
+
+
+def test_every_rule_of_the_list_for_an_undertrained_flow_is_taken_as_one(shared_file):
+    targets = json.loads(shared_file("paper/paper_targets.json").read_text())["targets"]
+    asked = {
+        t["id"]
+        for t in targets
+        if "undertrained" in str(t["tolerance"].get("must_hold", "")).partition("; production-like")[0]
+    }
+    assert asked == {
+        "cal.dev.pn.bright", "cal.sbc.pn.bright", "is.lowess.bright", "is.essfrac.bright",
+        "is.khat.bright.clean",
+    }  # fmt: skip
+    assert {claims()[name].network for name in asked} == {"undertrained"}

@@ -1,149 +1,167 @@
-"""Scatter between trainings: drawn together by its moments, and read off what is kept."""
+"""Scatter between trainings: read off what is kept, and squeezed by its kind."""
 
 import numpy as np
 import pytest
-from scipy import stats
 from studies.paper import claims
+from studies.paper.claim import Counted, Kind
 from studies.paper.experiment import committed
+from studies.paper.grid_populations import is_kept
+from studies.paper.moderated import prior_of
 from studies.paper.numbers import by_claim
 from studies.paper.paper_flow import TRAININGS
-from studies.paper.trainings import (
-    Scatter,
-    between_trainings,
-    common_share,
-    freedom,
-    is_paired,
-    moderated,
-    pooled,
-    scatter,
+from studies.paper.trainings import AUC, NONE, POSTERIOR, Scatter, by_training, kind_of, scatter
+
+EXPERIMENTS = ("detection", "importance", "calibration_published", "line_bias")
+"""Those that ran with every training."""
+
+
+def kept():
+    """Trainings of every part that a judged claim's rules look at, in units of its error, by kind."""
+    found = {AUC: [], POSTERIOR: []}
+    for experiment in EXPERIMENTS:
+        table = committed(experiment)
+        errors = by_claim(table, "standard_error")
+        for name, parts in by_claim(table).items():
+            claim = claims().get(name)
+            if claim is None or claim.counted is not Counted.JUDGED or claim.kind is not Kind.FLOW:
+                continue
+            margins = {(m.part, m.less) for rule in claim.rules for m in rule.margins(claim.parts)}
+            for part, less in margins:
+                names = [part, less] if less else [part]
+                if not all(word in parts and word in errors[name] for word in names):
+                    continue
+                row = by_training(claim, part) - (by_training(claim, less) if less else 0.0)
+                unit = np.sqrt(sum(errors[name][word] ** 2 for word in names))
+                if name.startswith("grid."):
+                    unit = claim.error["value"]
+                if np.ptp(row) > 0:
+                    found[kind_of(claim)].append(row / unit)
+    return {kind: np.array(rows) for kind, rows in found.items()}
+
+
+@pytest.fixture(scope="module")
+def priors():
+    return {kind: prior_of(rows) for kind, rows in kept().items()}
+
+
+def test_a_difference_of_two_trainings_has_twice_the_variance_and_a_bound_has_none_of_the_published():
+    one = Scatter(sd=3.0, df=5.0)
+    assert one.error(1) == pytest.approx(3.0 * 2**0.5)
+    assert one.error(9) == pytest.approx(3.0 * (10 / 9) ** 0.5)
+    assert one.error(9, published=False) == pytest.approx(1.0)
+
+
+def test_degrees_of_freedom_grow_with_trainings_where_they_are_a_claims_own():
+    own = Scatter(sd=1.0, df=5.0, own=3.0, trainings=4)
+    assert (own.freedom(4), own.freedom(5), own.freedom(14)) == (5.0, 6.0, 15.0)
+    # Two sets of four, as of the coverage deviation: six of their own.
+    assert Scatter(sd=1.0, df=8.0, own=6.0, trainings=4).freedom(5) == 10.0
+    assert Scatter(sd=1.0, df=2.0).freedom(4) == 5.0
+
+
+@pytest.mark.parametrize(
+    ("name", "part", "less"),
+    [
+        ("grid.pn.bright.B1.5e-06.D2", "value", ""),
+        ("is.sweep.3pc", "value", ""),
+        ("det.B1.dGamma.bright", "mean", ""),
+        # A step from one part to another scatters by what it does within a training.
+        ("det.B1.dGamma.bright", "mean", "medium"),
+        ("cal.dev.pn.faint", "value", ""),
+    ],
 )
+def test_a_claim_scatters_as_its_trainings_do_squeezed_by_its_kind(priors, name, part, less):
+    claim = claims()[name]
+    row = by_training(claim, part) - (by_training(claim, less) if less else 0.0)
+    assert len(row) == len(TRAININGS) == 4
+    errors = by_claim(committed(claim.by), "standard_error")[name]
+    unit = np.hypot(errors[part], errors[less]) if less else errors[part]
+    if name.startswith("grid."):
+        unit = claim.error["value"]
+    prior = priors[kind_of(claim)]
+    variance = (prior.df * prior.scale + 3.0 * row.var(ddof=1) / unit**2) / (prior.df + 3.0)
+    found = scatter(claim, part, less)
+    assert found.sd == pytest.approx(unit * np.sqrt(variance))
+    assert (found.df, found.own, found.trainings) == (pytest.approx(prior.df + 3.0), 3.0, 4)
 
 
-def test_the_prior_is_found_again_from_many_variances():
-    """20,000 groups of 4 degrees of freedom, prior 10 and 0.5: a posterior of 14, within 5% (seeded)."""
-    rng = np.random.default_rng(7)
-    n, prior, scale, df = 20_000, 10.0, 0.5, 4.0
-    true = scale * prior / stats.chi2.rvs(prior, size=n, random_state=rng)
-    seen = true * stats.chi2.rvs(df, size=n, random_state=rng) / df
-    variance, total = moderated(seen, np.full(n, df))
-    assert total[0] == pytest.approx(df + prior, rel=0.05)
-    np.testing.assert_allclose(variance, (prior * scale + df * seen) / (df + prior), rtol=0.05)
-    # What is moderated has the t law that its degrees of freedom say: 10% beyond the 90% interval.
-    t = rng.normal(size=n) * np.sqrt(true) / np.sqrt(variance)
-    assert np.mean(np.abs(t) > stats.t.ppf(0.95, total)) == pytest.approx(0.1, abs=0.011)
-
-
-def test_variances_that_scatter_no_more_than_they_must_are_one():
-    variance, total = moderated(np.array([1.0, 1.6]), np.array([3.0, 6.0]))
-    np.testing.assert_allclose(variance, 1.4)
-    assert np.isinf(total).all()
-
-
-def test_a_difference_of_two_trainings_has_twice_the_variance():
-    assert Scatter(3.0, 5.0).error(1) == pytest.approx(3.0 * 2**0.5)
-    assert Scatter(3.0, 5.0).error(9) == pytest.approx(3.0 * (10 / 9) ** 0.5)
-
-
-def simulated(rng, *, groups, trainings, cells, share, sd):
-    """AUCs less their means over trainings, of which cells of a group have a share in common."""
-    common = rng.normal(size=(groups, trainings, 1))
-    own = rng.normal(size=(groups, trainings, cells))
-    values = sd * (share**0.5 * common + (1.0 - share) ** 0.5 * own)
-    return values - values.mean(axis=1, keepdims=True)
-
-
-@pytest.mark.parametrize("share", [0.0, 0.4, 0.9])
-def test_cells_of_a_group_lend_each_other_their_scatter_as_far_as_they_are_apart(share):
-    """400 groups of 16 cells by five trainings: the variance to 5%, its own scatter to what freedom says."""
-    values = simulated(np.random.default_rng(2), groups=400, trainings=5, cells=16, share=share, sd=0.7)
-    seen, worth = (values**2).sum(axis=(1, 2)) / 64.0, freedom(5, 16, share)
-    assert seen.mean() == pytest.approx(0.49, rel=0.05)
-    assert seen.var() == pytest.approx(2.0 * seen.mean() ** 2 / worth, rel=0.25)
-    variance, df = pooled(values)
-    # Groups that are all alike lend each other nearly everything.
-    np.testing.assert_allclose(variance, 0.49, rtol=0.1)
-    assert df.min() > 5.0 * worth
-
-
-def test_groups_that_are_unlike_keep_to_themselves():
-    rng = np.random.default_rng(4)
-    apart = [
-        simulated(rng, groups=1, trainings=5, cells=16, share=0.3, sd=sd)[0] for sd in (0.1, 1.0, 10.0) * 5
-    ]
-    variance, df = pooled(apart)
-    np.testing.assert_allclose(np.sqrt(variance), np.tile([0.1, 1.0, 10.0], 5), rtol=0.5)
-    assert df.max() < 64.0
+def test_kinds_are_large_enough_and_hold_every_claim_that_was_trained_again(priors):
+    """Of 173 areas and 24 other numbers: what few of a kind would lend is little."""
+    assert {kind: len(rows) for kind, rows in kept().items()} == {AUC: 173, POSTERIOR: 24}
+    assert all(1.0 < prior.df < 10.0 for prior in priors.values())
 
 
 def test_trainings_are_compared_on_the_same_spectra():
-    """Of what is committed: all trainings, 16 cells of each detector and level, about their own mean."""
-    values = between_trainings()
-    assert {key: found.shape for key, found in values.items()} == {
-        ("pn", level, detector): (len(TRAININGS), 16)
-        for level in ("faint", "medium", "bright")
-        for detector in ("D1", "D2", "D3")
-    }
     table = committed("detection")
     row = table["claim"].values.tolist().index("grid.pn.bright.B1.5e-06.D2")
-    mine = table["trained"].values[:, row]
-    error = claims()["grid.pn.bright.B1.5e-06.D2"].error["value"]
+    mine = by_training(claims()["grid.pn.bright.B1.5e-06.D2"])
+    np.testing.assert_array_equal(mine, table["trained"].values[:, row])
     assert table["number"].values[row] == pytest.approx(mine.mean())
-    np.testing.assert_allclose(values["pn", "bright", "D2"][:, 0] * error, mine - mine.mean(), atol=1e-12)
 
 
-def test_eighty_seven_cells_are_of_the_studys_own_spectra():
-    paired = [name for name, claim in claims().items() if is_paired(claim)]
-    assert len(paired) == 87
-    assert "grid.pn.medium.B1.0.0003.D1" in paired
-    assert "grid.pn.medium.B1.5e-06.D3" not in paired
-    assert not [name for name in paired if not name.startswith("grid.pn.")]
+def test_where_no_second_training_is_kept_the_kind_lends(priors):
+    for name in ("cal.dev.nicer.bright", "gm.bias.bright", "xc.bright.capture", "cal.spot.seed101"):
+        claim, prior = claims()[name], priors[kind_of(claims()[name])]
+        lent = scatter(claim, next(iter(claim.parts)), error=0.2)
+        assert (lent.sd, lent.df) == (pytest.approx(0.2 * np.sqrt(prior.scale)), pytest.approx(prior.df))
+        assert lent.own == 0.0
+    cell = claims()["grid.nicer.faint.B1.2e-05.D2"]
+    lent = scatter(cell, "value", error=9.0)
+    assert lent.sd == pytest.approx(cell.error["value"] * np.sqrt(priors[AUC].scale))
+    # Of one network, which is not trained again: that it gives the same several times says nothing.
+    assert not scatter(claims()["tab2.uncapped"], "failures").own
 
 
-def test_deviations_scatter_as_the_kept_trainings_do():
-    ours = by_claim(committed("calibration_retrained")) | by_claim(committed("calibration_published"))
+def test_what_no_training_decides_does_not_scatter():
+    assert scatter(claims()["xc.fisher"], "value") == NONE == Scatter(sd=0.0, df=np.inf)
+
+
+def test_deviations_scatter_as_the_bright_trainings_of_both_do(priors):
+    tables = [committed(name) for name in ("calibration_retrained", "calibration_published")]
+    ours = by_claim(tables[0]) | by_claim(tables[1])
+    errors = by_claim(tables[0], "standard_error") | by_claim(tables[1], "standard_error")
     names = ("tab2.reseed101", "tab2.reseed202", "tab2.reseed303", "tab2.uncapped")
     both = [[ours[name]["dev"] for name in names], [claims()[name].parts["dev"] for name in names]]
+    unit = np.sqrt(np.mean([errors[name]["dev"] ** 2 for name in names]))
+    prior = priors[POSTERIOR]
+    own = np.var(both, axis=1, ddof=1).mean() / unit**2
     known = scatter(claims()["tab2.uncapped"], "dev")
-    assert known.sd == pytest.approx(np.sqrt(np.var(both, axis=1, ddof=1).mean()))
-    assert known.df == 6
+    squeezed = (prior.df * prior.scale + 6 * own) / (prior.df + 6)
+    assert known.sd == pytest.approx(unit * np.sqrt(squeezed))
+    assert (known.df, known.own) == (pytest.approx(6.0 + prior.df), 6.0)
     assert scatter(claims()["tab2.reseed101"], "dev") == known
 
 
-def test_a_claim_of_several_trainings_scatters_as_they_do():
-    table = committed("line_bias")
-    rows = {
-        part: table["trained"].values[:, i]
-        for i, (claim, part) in enumerate(zip(table["claim"].values, table["part"].values, strict=True))
-        if claim == "det.B1.dGamma.bright"
-    }
-    claim = claims()["det.B1.dGamma.bright"]
-    free = len(TRAININGS) - 1.0
-    assert scatter(claim, "mean") == Scatter(np.std(rows["mean"], ddof=1), free)
-    # A step from one part to another scatters by what it does within a training.
-    step = rows["mean"] - rows["medium"]
-    assert scatter(claim, "mean", "medium") == Scatter(np.std(step, ddof=1), free)
+def test_claims_of_the_studys_own_spectra_are_said_to_be():
+    paired = {name for name, claim in claims().items() if claim.paired}
+    cells = {name for name in paired if name.startswith("grid.")}
+    assert len(cells) == 87
+    assert "grid.pn.medium.B1.0.0003.D1" in cells
+    assert "grid.pn.medium.B1.5e-06.D3" not in cells
+    assert paired - cells == {
+        "det.B1.dGamma.medium", "det.B1.dGamma.bright", "det.B3.bright.D2",
+        *(f"tab1.{which}.medium.{family}" for which in ("best", "D3") for family in ("B1", "B2")),
+        "tab1.D3.medium.B3",
+        *(f"tab1.{which}.bright.{family}" for which in ("best", "D3") for family in ("B1", "B2", "B3")),
+        *(f"tab4.{detector}.B1.{level}" for detector in ("D1", "D2") for level in ("medium", "bright")),
+    }  # fmt: skip
 
 
-def test_where_no_second_training_is_kept_nothing_is_said():
-    for name in (
-        "cal.dev.nicer.bright",
-        "gm.bias.bright",
-        "xc.bright.capture",
-        "grid.nicer.faint.B1.2e-05.D2",
-    ):
-        assert scatter(claims()[name], "value") is None
-    # Of one network, which is not trained again: that it gives the same several times says nothing.
-    assert scatter(claims()["tab2.uncapped"], "failures") is None
-
-
-def test_the_share_in_common_is_found_again():
-    """200 groups of 16 with a quarter of their variance in common: 5 errors are 0.06."""
-    rng = np.random.default_rng(3)
-    groups = 0.5 * rng.normal(size=(200, 1)) + 0.75**0.5 * rng.normal(size=(200, 16))
-    assert common_share(groups) == pytest.approx(0.25, abs=0.08)
-    assert common_share(rng.normal(size=(200, 16))) < 0.02
-
-
-def test_the_share_in_common_is_over_pairs():
-    assert common_share([np.array([1.0, 1.0]), np.array([-2.0, -2.0])]) == pytest.approx(1.0)
-    assert common_share([np.array([1.0, 1.0, 0.0])]) == pytest.approx(0.5)
+def test_the_cell_that_is_best_is_of_a_kept_seed_where_the_best_is_paired():
+    """By published and by our AUCs alike; so the smallest D3 of the levels is not: it is faint."""
+    found = {}
+    for name, claim in claims().items():
+        if name.startswith("grid.pn."):
+            level, family, *strength, detector = name.split(".")[2:]
+            place = (level, family, "D3" if detector == "D3" else "best")
+            both = (claim.value, by_training(claim).mean())
+            kept = is_kept(level, family, float(".".join(strength)))
+            found.setdefault(place, []).append((*both, kept))
+    for (level, family, which), rows in found.items():
+        if claims()[f"tab1.{which}.{level}.{family}"].paired:
+            assert all(max(rows, key=lambda row, i=i: row[i])[2] for i in (0, 1)), (level, family)
+    for family in ("B2", "B3"):
+        rows = {level: claims()[f"grid.pn.{level}.{family}.{ {'B2': '0.9', 'B3': '10'}[family] }.D3"]
+                for level in ("faint", "medium", "bright")}  # fmt: skip
+        for value in (lambda claim: claim.value, lambda claim: by_training(claim).mean()):
+            assert min(rows, key=lambda level, value=value: value(rows[level])) == "faint"

@@ -1,0 +1,42 @@
+"""The study's network where we have another: what is lacking to judge a claim about it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import cache
+
+from studies.paper.paper_flow.shipped import FLOWS
+from studies.paper.paper_flow.variants import VARIANTS, Variant
+
+OF_ONE_TRAINING = ("-uncapped", "-cut")
+"""Where the bright training was stopped: no trainings of their own."""
+
+CASES: Mapping[str, tuple[str, Callable[[Variant], bool]]] = {
+    "nicer": ("the study's on NICER", lambda variant: variant.response == "nicer"),
+    "gain": ("the study's with a free gain", lambda variant: variant.gain),
+}
+WORDS = {
+    "undertrained": "one that its cap left undertrained, chosen by its loss before all else; ours converged",
+    "stopped": "one of that seed that stops by itself, of which the rule is; the cap ended ours",
+}
+
+
+def planned() -> tuple[str, ...]:
+    """Trainings of the study's network that were fixed beforehand."""
+    return tuple(name for name in VARIANTS if not name.endswith(OF_ONE_TRAINING))
+
+
+def made() -> frozenset[str]:
+    """Those that are made."""
+    return frozenset(path.stem for path in FLOWS.glob("*.json"))
+
+
+@cache
+def lacking(network: str) -> str:
+    """What would settle a claim whose rule speaks of this network."""
+    if network in WORDS:
+        return f"another network: {WORDS[network]}"
+    what, is_of = CASES[network]
+    names = [name for name in planned() if is_of(VARIANTS[name])]
+    there = len(made().intersection(names))
+    return f"another network: {what}, of which {there} of {len(names)} trainings are made"
