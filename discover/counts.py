@@ -22,17 +22,28 @@ from gaugeblock.discovery.engine import Comparison, Engine, Look, Round, Thresho
 from gaugeblock.discovery.fitting import Fit, fit
 from gaugeblock.discovery.held_out import BEFORE, NAMED, RIVAL, UNNAMED, HeldOut, deviance
 from gaugeblock.discovery.library import Candidates, amplitude_places
+from gaugeblock.discovery.lines import Line, explained
 from gaugeblock.discovery.locate.quantiles import CumulativeCounts, cumulative_counts
 from gaugeblock.discovery.locate.windows import WindowScan, scan_windows
 from gaugeblock.discovery.name.beside import LEAST, effect_part, loses
 from gaugeblock.discovery.name.cox import confidence_set
+from gaugeblock.discovery.name.family import Family
 from gaugeblock.discovery.name.identified import identified, within
 from gaugeblock.discovery.name.null import largest_null
 from gaugeblock.discovery.name.profiles import Profile, profile
 from gaugeblock.discovery.name.score import ScoreTests, allowed, scores
 from gaugeblock.discovery.name.shapes import Templates, templates
 from gaugeblock.discovery.name.unnamed import Correction, correction, curves
-from gaugeblock.discovery.result import Amplitude, DataSaid, Estimate, FitState, Identification, Region
+from gaugeblock.discovery.result import (
+    Amplitude,
+    DataSaid,
+    Estimate,
+    FamilySaid,
+    FitState,
+    Identification,
+    Region,
+    Statement,
+)
 from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators.library import Known, LibraryEffect
 from gaugeblock.simulators.protocol import HasWStatistic
@@ -332,7 +343,10 @@ class Counts(Engine):
     def identified(self, model: Profile, at: int) -> tuple[Identification, ...]:
         """By the energy of the fit to all counts: no gain floats beside it."""
         asked = self._asked(model, at)
-        return () if asked is None else identified(*asked, stretch=1.0 + float(self.sources.redshift[0]))
+        if asked is None:
+            return ()
+        stated = model.entries[at].parameters["energy"].support
+        return identified(*asked, stretch=1.0 + float(self.sources.redshift[0]), sought=stated)
 
     def within_gain(self, model: Profile, at: int) -> tuple[Identification, ...]:
         """By the same energy; none where the model has a gain of its own."""
@@ -341,6 +355,33 @@ class Counts(Engine):
             return ()
         stretch = 1.0 + float(self.sources.redshift[0])
         return within(*asked, gain_reach(asked[0]), stretch=stretch)
+
+    def explained(
+        self, rounds: Sequence[Round], statements: tuple[Statement, ...], places: Sequence[int | None]
+    ) -> tuple[Statement, ...]:
+        """By the model of the last round, and all counts."""
+        if not rounds:
+            return statements
+        model: Profile = rounds[-1].best
+        lines, band = [], (0.0, 0.0)
+        for one, at in zip(statements, places, strict=True):
+            asked = (
+                self._asked(model, at) if one.certain and at is not None and one.effect != UNNAMED else None
+            )
+            band = band if asked is None else asked[2]
+            lines.append(None if at is None or asked is None else Line(at, *asked[:2]))
+
+        def family(at: int, line: Known) -> FamilySaid | None:
+            energy = model.added[at]["energy"]
+            there = Family(
+                model, at, line, self.sources.counts[0], self._first.state.templates, self.base, self.entries,
+                gain_reach(energy), band,
+            )  # fmt: skip
+            return there.said()
+
+        stretch = 1.0 + float(self.sources.redshift[0])
+        reach = 0.0 if has_gain(model.entries) else gain_reach(band[1]) / max(band[1], 1e-300)
+        return explained(statements, lines, band=band, stretch=stretch, reach=reach, family=family)
 
     def _asked(self, model: Profile, at: int) -> tuple[float, tuple[Known, ...], tuple[float, float]] | None:
         """The energy of an effect and the band, as recorded, with what it may be."""

@@ -27,6 +27,7 @@ from gaugeblock.discovery.result import (
     FitState,
     Identification,
     Region,
+    Statement,
 )
 from gaugeblock.simulators.library import LibraryEffect
 from gaugeblock.validate.finding import NotChecked
@@ -371,6 +372,17 @@ class Engine(Protocol):
     def within_gain(self, model: Any, at: int) -> tuple[Identification, ...]:  # noqa: ARG002
         """Known lines or edges that it may be if the gain, or what moves, is off by no more than is usual."""
         return ()
+
+    def explained(
+        self,
+        rounds: Sequence[Round],  # noqa: ARG002
+        statements: tuple[Statement, ...],
+        places: Sequence[int | None],  # noqa: ARG002
+    ) -> tuple[Statement, ...]:
+        """Statements of lines with what comes with them, and with what several of them are together; `places`
+        are those of their effects in the model.
+        """
+        return statements
 
     def amplitudes(self, rounds: Sequence[Round]) -> tuple[Amplitude, ...]:
         """The amplitude of every effect of the last round's best model."""

@@ -61,7 +61,8 @@ def recorded(engine: Engine, found: Searched) -> Discovery:
         for effect, parameter in stopped
     ]
     left = [LEFT] if found.last.p_global <= engine.thresholds.level else []
-    statements = _statements(engine, found)
+    places = [claim.at for claim in decision.claims]
+    statements = engine.explained(found.rounds, _statements(engine, found), places)
     return Discovery(
         statements=statements,
         named=decision.named,

@@ -105,6 +105,49 @@ class Identification:
 
 
 @dataclass(frozen=True)
+class FollowerSaid:
+    """What comes with a line, at `energy_kev` as recorded: its `ratio` to the line's amplitude (of an edge
+    its depth) with the standard error; `expected` where that is known, which would stand out by `power`
+    standard errors. `seen` is null where these data cannot tell.
+    """
+
+    name: str
+    energy_kev: float
+    ratio: float
+    error: float
+    expected: float | None
+    power: float | None
+    seen: bool | None
+
+
+@dataclass(frozen=True)
+class FamilySaid:
+    """What comes with a `line`, if it is that: `stages` are the ionisations that fit, the lowest first, of
+    which the `followers` are. Where one of a known ratio is seen, `chance` is that of seeing as much at some
+    other place.
+    """
+
+    line: str
+    stages: tuple[str, ...]
+    followers: tuple[FollowerSaid, ...]
+    chance: float | None = None
+
+
+@dataclass(frozen=True)
+class Shifted:
+    """Lines that are known ones, off by one `factor`, with its 90% interval and the chance of coincidence of
+    all of them: by a ``"gain"``, a ``"motion"``, or either, in `causes`.
+    """
+
+    lines: tuple[Identification, ...]
+    factor: float
+    low: float
+    high: float
+    chance: float
+    causes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class Statement:
     """One thing that is claimed: an effect, or ``"unnamed"``, and those that data cannot tell from it.
 
@@ -113,7 +156,8 @@ class Statement:
     half of the counts (all of them chose the name), an effect's energies and widths from all, as recorded; of
     what has no name `excess_counts`, from a half that did not choose where. `energy_lo_kev` and
     `energy_hi_kev` are where it acts. `within_gain` are known lines or edges at a distance that an error of
-    the gain would bridge, where none is identified.
+    the gain would bridge, where none is identified. `family` is what comes with the line that it may be,
+    `shifted` the known lines that it and other certain statements are together.
     """
 
     effect: str
@@ -127,6 +171,8 @@ class Statement:
     energy_hi_kev: float | None
     text: str
     within_gain: tuple[Identification, ...] = ()
+    family: FamilySaid | None = None
+    shifted: Shifted | None = None
 
 
 @dataclass(frozen=True)

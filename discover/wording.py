@@ -113,7 +113,8 @@ def sentence(
     if place is not None:
         said += f" It acts at {place[0]:.4g} to {place[1]:.4g} keV."
     for one in known[:1]:
-        said += f" At rest it would be {one.name} ({one.energy_kev:.5g} keV; chance {one.chance:.2g})."
+        where = "At rest" if one.frame == "source" else "As recorded"
+        said += f" {where} it would be {one.name} ({one.energy_kev:.5g} keV; chance {one.chance:.2g})."
     if near:
         said += f" At rest, {_shifts(near, parameters.get('energy'))}."
     for name in limits:
@@ -131,7 +132,9 @@ def _shifts(near: Sequence[Identification], energy: Estimate | None) -> str:
         shift = "lies within that interval" if inside else f"would need {one.shift_ev:+.0f} eV"
         away |= not inside
         told.append(f"{one.name} ({one.energy_kev:.5g} keV) {shift}")
-    return " and ".join(told) + (", by gain or by motion, which these data do not separate" if away else "")
+    either = any(one.frame == "source" for one in near)
+    how = ", by gain or by motion, which these data do not separate" if either else ", by gain"
+    return " and ".join(told) + (how if away else "")
 
 
 def _start(words: str) -> str:

@@ -86,15 +86,18 @@ def within(
 ) -> tuple[Identification, ...]:
     """Common known lines that would be recorded within a reach (keV) of an energy, whatever their chance.
 
-    Of each rank up to `COMMON` the nearest, the nearest first; arguments are those of `identified`.
+    Of each rank up to `COMMON` the nearest, the nearest first, and of the detector's own only where there is
+    none of the source; arguments are those of `identified`.
     """
     common = [one for one in known if one.rank <= COMMON]
     rank = {one.name: one.rank for one in common}
     found = identified(energy, common, band, stretch=stretch, most=1.0)
+    near = sorted(
+        (one for one in found if abs(one.shift_ev) <= 1000.0 * reach), key=lambda one: abs(one.shift_ev)
+    )
     nearest: dict[int, Identification] = {}
-    for one in sorted(found, key=lambda one: abs(one.shift_ev)):
-        if abs(one.shift_ev) <= 1000.0 * reach:
-            nearest.setdefault(rank[one.name], one)
+    for one in [one for one in near if one.frame != "detector"] or near:
+        nearest.setdefault(rank[one.name], one)
     return tuple(nearest.values())
 
 

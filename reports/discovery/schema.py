@@ -30,7 +30,8 @@ The summary (discovery.json)
                 "delta_log_evidence": {"value", "error", "sensitivity": [{"prior", "value"}]}}
         "statements": [{"effect", "indistinguishable", "certain", "probability", "evidence", "identification",
                         "parameters": {name: {"value", "low", "high", "at_limit"}}, "energy_lo_kev",
-                        "energy_hi_kev", "text", "within_gain"}]   what is claimed, in order
+                        "energy_hi_kev", "text", "within_gain", "family", "shifted"}]
+                                                    what is claimed, in order
         "fit": {"before": {"parameters": {name: {"value", "low", "high", "at_limit"}}, "statistic", "bins",
                            "w_statistic", "w_bins"},
                 "after"}

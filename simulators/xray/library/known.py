@@ -48,7 +48,7 @@ _WITH_L = ("Ca", "Fe", "Ni")
 """Elements above 1e-6 of hydrogen whose L shell is above 0.25 keV."""
 
 _DETECTORS = {
-    "EPN": ("Al Cr Fe Ni Cu Zn Au Mo", "Si Al Au"), "EMOS": ("Al Si Cr Mn Fe Ni Zn Au", "Si Al Au"),
+    "EPN": ("Al Cr Fe Ni Cu Zn Au", "Si Al Au"), "EMOS": ("Al Si Cr Mn Fe Ni Zn Au", "Si Al Au"),
     "ACIS": ("Al Si Ni Au", "Si Al Ir"), "XTI": ("Al Si Au", "Si Al Au"), "XRT": ("Al Si Ni Au", "Si Al Au"),
     "FPM": ("Cd Te I Cs", "Cd Te Pt W"), "XIS": ("Al Si Mn Ni Au", "Si Al Au"),
     "": ("Al Si Ni Cu Au", "Si Al Au"),
