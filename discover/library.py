@@ -107,7 +107,7 @@ class Candidates(Value):
         only : tuple of str
             Names to which the candidates are restricted; empty: all.
         energy : float, optional
-            In keV as recorded, stated before the scan: only effects with an energy are proposed, there.
+            In keV as recorded, stated before the scan: only effects that can be there are proposed, there.
 
         Raises
         ------
@@ -161,7 +161,9 @@ def proposed(
         chosen = {key: entry for key, entry in chosen.items() if "energy" in entry.energies}
         if not chosen:
             raise InputError("discover: an energy was stated, and no effect that is searched for has one")
-        chosen = {key: entry.at_energy(energy) for key, entry in chosen.items()}
+        # What can be there; where nothing can, the first says from where to where it could.
+        there = {key: entry for key, entry in chosen.items() if entry.holds(energy)}
+        chosen = {key: entry.at_energy(energy) for key, entry in (there or chosen).items()}
     return chosen
 
 

@@ -167,6 +167,11 @@ class LibraryEffect(Value):
                 f"{self.neutral + self.step:g}, it reaches from {low:g} to {high:g}"
             )
 
+    def holds(self, energy: float) -> bool:
+        """Whether the prior of its energy holds one (keV)."""
+        low, high = self.parameters["energy"].support
+        return bool(low < energy < high)
+
     def at_energy(self, energy: float) -> LibraryEffect:
         """The effect at an energy (keV) that was stated before the scan: no other is scanned, and a fit may
         move it by a hundredth.
@@ -177,7 +182,7 @@ class LibraryEffect(Value):
             If its prior does not hold that energy.
         """
         low, high = self.parameters["energy"].support
-        if not low < energy < high:
+        if not self.holds(energy):
             raise InputError(
                 f"effect {self.name}: energies from {low:g} to {high:g} keV can be stated, got {energy:g}"
             )

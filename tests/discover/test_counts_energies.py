@@ -1,9 +1,11 @@
 """Where an effect is, by recorded energies: one number wherever it is said, and over several instruments."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
+from scipy.stats import kstest
 
 from gaugeblock.discovery import Sources, discover_source
 from gaugeblock.discovery.confirm.floated import gain_reach
@@ -117,3 +119,34 @@ def test_beside_a_gain_of_the_model_nothing_is_recorded_as_it_is(two):
     (both,) = engine.fitted(engine.after(line), ["gain_slope[b]"], line)
     assert engine.within_gain(both, 0) == ()
     assert found.named == "line"
+
+
+def test_of_a_stated_energy_one_line_is_asked_for_and_one_trial_is_paid(power_law):
+    """As seldom as it says of lines of nothing anywhere in the band: a search at one energy sees few."""
+    known = (Known("toy alpha", 3.31, 0), Known("beyond", 5.0, 0), Known("another", 1.0, 1))
+    simulator = power_law()
+    line = replace(simulator.effect_library(THETA[None])["line"], known=known)
+    mean = simulator.with_effect(Effect("line", {"energy": 3.3, "counts": 60_000.0})).expected(THETA)
+    sources = Sources.of(simulator, np.round(mean)[None])
+    search = partial(discover_source, sources, effects={"line": line}, only=("line",), replicates=399)
+    stated, scanned = search(energy=3.3), search()
+    (said,) = stated.statements[0].identification
+    away = stated.fit.after.parameters["line_1.energy"].value - 3.31
+    assert (said.name, said.chance) == ("toy alpha", pytest.approx(2.0 * abs(away) / 7.5, rel=1e-6))
+    # Of all lines that the list has, three ranks' share: two of rank 0 have two thirds.
+    (one,) = scanned.statements[0].identification
+    assert one.chance == pytest.approx(3.0 * said.chance, rel=0.1)
+
+
+def test_the_chance_of_a_disagreement_at_a_stated_energy_is_as_often_as_it_says(power_law):
+    simulator, rng = power_law(), np.random.default_rng(1)
+    found = []
+    for seed in range(60):
+        counts = rng.poisson(simulator.expected(THETA / np.array([10.0, 1.0]))).astype(float)
+        engine = Counts(
+            Sources.of(simulator, counts[None]), rng=np.random.default_rng(seed), replicates=399,
+            only=("line", "edge"), energy=3.3,
+        )  # fmt: skip
+        found.append(engine.look().p_effects)
+    # Kolmogorov-Smirnov: a uniform p would fail one time in a thousand, were there other seeds.
+    assert kstest(found, "uniform").pvalue > 1e-3

@@ -123,3 +123,18 @@ def test_one_library_for_several_simulators_is_scanned_at_the_same_values_in_all
     assert gaps([first, Third(), second]) == {
         "haze": "nobody knows", "mist": "it is dry", "dip": "its area is not known"
     }  # fmt: skip
+
+
+def test_at_a_stated_energy_is_what_can_be_there(power_law):
+    """Of several that have an energy those whose priors hold it; where none does, that is said."""
+    library = power_law().effect_library(THETA)
+    inside = {**library["edge"].parameters, "energy": Uniform(0.7, 0.8)}
+    own = {"edge": replace(library["edge"], parameters=inside, energies=("energy",))}
+    for energy, there in ((3.3, ["line"]), (0.75, ["edge", "line"])):
+        found = Candidates.of(power_law(), THETA, own=own, energy=energy).entries
+        assert sorted(found) == there
+        assert all(one.scanned["energy"].tolist() == [energy] for one in found.values())
+    with pytest.raises(
+        InputError, match=r"effect edge: energies from 0\.7 to 0\.8 keV can be stated, got 3\.3"
+    ):
+        Candidates.of(power_law(), THETA, own=own, only=("edge",), energy=3.3)

@@ -43,7 +43,8 @@ def test_what_is_in_the_detector_is_there_as_recorded_and_moved_by_a_gain_alone(
     assert sentence(("emission_line",), **GIVEN, known=(own,)).endswith(f" As recorded {told}")
     at_rest = Identification("O K edge", 0.5431, 0.004, 2.0)
     assert " At rest it would be O K edge" in sentence(("emission_line",), **GIVEN, known=(at_rest,))
-    assert sentence(("emission_line",), **GIVEN, near=(own,)).endswith("would need +2 eV, by gain.")
+    moved = Identification("Al K alpha of the detector", 1.4864, 0.1, 12.0, "detector")
+    assert sentence(("emission_line",), **GIVEN, near=(moved,)).endswith("would need +12 eV, by gain.")
 
 
 def test_beside_a_gain_energies_are_not_those_recorded():
