@@ -30,7 +30,9 @@ EXACT = frozenset({Kind.EXACT, Kind.ARITHMETIC, Kind.SETUP, Kind.ARTEFACT})
 MOST = 1000
 """Times the spectra, or trainings, beyond which nobody goes."""
 
-NO_INTERVAL = "no more runs: a p-value has no interval"
+NEVER = "no more runs"
+NO_INTERVAL = f"{NEVER}: a p-value has no interval"
+YES_OR_NO = f"{NEVER}: a yes or no has no interval"
 OF_THE_STUDY = "nothing of ours: the published number is one training and one set of spectra"
 PICKED = "other spectra: such as were not picked by the outcome"
 
@@ -54,7 +56,7 @@ class Judgement:
     infinite where neither side has one. `smallest` is the least difference that would have been called, and
     `excess` the least excess over a bound, of the widest part; NaN where no rule is of that form. `settles`
     says what would decide an undecided claim, its kind before a colon. `afterwards` is what was said of a
-    difference after it was seen. `trainings` is over how many ours is a mean.
+    difference, or of another network, after it was seen. `trainings` is over how many ours is a mean.
     """
 
     claim: Claim
@@ -110,7 +112,7 @@ class Seen:
     def settles(self) -> str:
         """What would decide it, if it came out the same."""
         if not np.isfinite(self.ours):
-            return f"no more runs: {self._named} is kept without an error"
+            return f"{NEVER}: {self._named} is kept without an error"
         times = (
             self._fewest(lambda n: self._half(n, self.trainings)) if self.ours and not self.lent else np.inf
         )
@@ -176,7 +178,7 @@ def judge(claim: Claim, found: Measured | Untestable | None) -> Judgement:
         excess=_widest([item.half for item in seen if not item.around]),
         settles=_settles(claim, seen) if verdict is Agreement.UNDECIDED else "",
         reason="; ".join(filter(None, (UNEXPLAINED if differs else "", found.note))),
-        afterwards=found.because if differs else "",
+        afterwards=found.because if differs or claim.network else "",
         trainings=found.trainings,
     )
 
@@ -215,14 +217,16 @@ def _settles(claim: Claim, seen: Sequence[Seen]) -> str:
     """Of all that is undecided, what takes most: what no run settles comes first."""
     if claim.chosen:
         return PICKED
-    if claim.network:
-        return lacking(claim.network)
-    needs = [NO_INTERVAL for _ in _tests(claim)]
-    needs += [item.settles for item in seen if item.verdict is Agreement.UNDECIDED]
-    return max(needs, key=_burden)
+    never = [NO_INTERVAL for _ in _tests(claim)] + [YES_OR_NO] * isinstance(claim.value, bool)
+    needs = never or [item.settles for item in seen if item.verdict is Agreement.UNDECIDED or claim.network]
+    most = max(needs, key=_burden)
+    if not claim.network:
+        return most
+    shown = f"; {most.replace(NEVER, 'agreement by none')}" if most.startswith(NEVER) else ""
+    return lacking(claim.network) + shown
 
 
-ORDER = ("more spectra", "more trainings", "more spectra and trainings", "nothing of ours", "no more runs")
+ORDER = ("more spectra", "more trainings", "more spectra and trainings", "nothing of ours", NEVER)
 
 
 def _burden(settles: str) -> tuple[int, float]:

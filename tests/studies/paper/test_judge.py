@@ -186,6 +186,8 @@ def test_what_is_told_afterwards_explains_nothing():
     )
     assert far.reason == "unexplained: nothing predicted this number before its run; by weights"
     assert far.afterwards == "the other prior moves it by 0.5"
+    other = judge(replace(simulated(), network="stopped"), Measured(1.0, 0.01, because="the cap ended ours"))
+    assert other.afterwards == "the cap ended ours"
     near = judge(simulated(), Measured(1.0, 0.01, note="by weights", because="it does not"))
     assert (near.reason, near.afterwards) == ("by weights", "")
 
@@ -274,6 +276,11 @@ def test_what_no_run_can_settle_says_so_first():
     both = simulated(value={"a": 1.0, "b": 2.0}, rules=({"within": 0.1},))
     kept = judge(both, Measured({"a": 1.05, "b": 2.0}, {"a": 0.06}))
     assert kept.settles == "no more runs: `b` is kept without an error"
+    shrinks = claim(kind="simulator", value=True, rules=({"low": 1},))
+    assert judge(shrinks, Measured(1.0)).settles == "no more runs: a yes or no has no interval"
+    # The right network would not show it either.
+    other = judge(replace(both, network="gain"), Measured({"a": 1.05, "b": 2.0}, {"a": 0.06}))
+    assert other.settles.endswith("trainings are made; agreement by none: `b` is kept without an error")
     # Of two that are doubtful, what takes more.
     more = judge(both, Measured({"a": 1.0, "b": 2.0}, {"a": 0.07, "b": 0.12}))
     alone = judge(both, Measured({"a": 1.0, "b": 2.0}, {"a": 0.01, "b": 0.12}))
