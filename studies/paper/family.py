@@ -21,7 +21,7 @@ from studies.paper.claim import SINGLE, Claim
 from studies.paper.judge import Judgement, Seen, seen_of
 from studies.paper.measurement import Measured
 from studies.paper.registry import CLEAN, SUSPICIOUS, claims
-from studies.paper.trainings import by_training
+from studies.paper.trainings import by_training, on_epic_pn
 
 FAMILIES = 2_000
 """Drawn to know how many misses there may be."""
@@ -37,6 +37,7 @@ TOO_MANY = 0.01
 class Family:
     """Cells of a response and level that lie outside their margins; 95 in 100 families have at most `most`.
 
+    As many as `bare` are expected by spectra alone, did networks not scatter.
     `p` is the probability of so many or more, `adjusted` the same for all families together (Holm 1979).
     `lent`: its networks were not trained again, and are taken to scatter as those of EPIC-pn.
     """
@@ -46,6 +47,7 @@ class Family:
     paired: int
     misses: int
     expected: float
+    bare: float
     most: int
     p: float
     lent: bool = False
@@ -85,12 +87,13 @@ def _family(name: str, items: list[Judgement], seed: int) -> Family:
         for item, margin in zip(items, margins, strict=True)
     ]
     spectra = np.array([np.hypot(one.ours, one.fixed) for one in seen])
-    noisy = spectra > 0
-    moved = of_trainings(cells, seen, rng)
-    moved[:, noisy] += spectra[noisy] * of_spectra(tuple(cell.id for cell in np.array(cells)[noisy]), seed)
+    noisy, drawn = spectra > 0, np.zeros((FAMILIES, len(cells)))
+    drawn[:, noisy] = of_spectra(tuple(cell.id for cell in np.array(cells)[noisy]), seed)
     low, high = np.array([[m.low, m.high] for m in margins]).T
     centre = np.array([_expected(cell) for cell in cells])
-    numbers = ((centre + moved < low) | (centre + moved > high)).sum(axis=1)
+    alone = centre + spectra * drawn
+    both = alone + of_trainings(cells, seen, rng)
+    numbers, bare = (((values < low) | (values > high)).sum(axis=1) for values in (both, alone))
     misses = sum(one.room < 0 for one in seen)
     return Family(
         name=name,
@@ -98,6 +101,7 @@ def _family(name: str, items: list[Judgement], seed: int) -> Family:
         paired=sum(cell.paired and not cell.known for cell in cells),
         misses=misses,
         expected=float(numbers.mean()),
+        bare=float(bare.mean()),
         most=int(np.quantile(numbers, 0.95)),
         p=among(numbers, misses),
         lent=any(one.lent for one in seen),
@@ -111,7 +115,7 @@ def _expected(cell: Claim) -> float:
 
 def of_trainings(cells: tuple[Claim, ...], seen: list[Seen], rng: np.random.Generator) -> Array:
     """What other networks do to the difference that is judged ``(family, cell)``: one for all cells."""
-    kept = np.stack([_residuals(cell.id) for cell in cells], axis=1)
+    kept = np.stack([_residuals(cell) for cell in cells], axis=1)
     signs = rng.standard_normal((FAMILIES, len(kept)))
     width = np.array([one.scatter.error(one.trainings, published=one.around) for one in seen])
     # How wide is an estimate: a t law with the degrees of freedom that the judge counts with.
@@ -120,17 +124,16 @@ def of_trainings(cells: tuple[Claim, ...], seen: list[Seen], rng: np.random.Gene
     return np.asarray(signs @ kept * width * wider)
 
 
-def _residuals(name: str) -> Array:
+def _residuals(cell: Claim) -> Array:
     """A cell's AUCs by training less their mean ``(training,)``, their squares adding up to one.
 
     Of the same cell on EPIC-pn, where a response has one training alone.
     """
-    for known in (name, name.replace("grid.nicer.", "grid.pn.")):
-        values = by_training(claims()[known])
-        if values is not None:
-            apart = values - values.mean()
-            return np.asarray(apart / np.sqrt((apart**2).sum()))
-    raise AssertionError(f"{name}: no training of it, nor of its cell on EPIC-pn")
+    values = by_training(cell)
+    values = by_training(on_epic_pn(cell)) if values is None else values
+    assert values is not None  # of the study's network on EPIC-pn
+    apart = values - values.mean()
+    return np.asarray(apart / np.sqrt((apart**2).sum()))
 
 
 @cache

@@ -44,7 +44,8 @@ JUDGED = """\
   *recomputed* ones follow from published numbers or copied settings and can hardly fail; of *reported* ones
   nothing was said that must hold. Only judged claims count.
 - *could call* is the least difference from the published number, or the least excess over a bound, that
-  would have been called; where no second training is kept, if networks scatter there as others of the kind.
+  would have been called; where no second training is kept, if networks scatter there as others of the kind,
+  and on NICER as in the same cell on EPIC-pn.
 - *before* are the verdicts of the two judges before: the first counted what it could not reject, the second
   is the one that the last changes below replaced.
 - Rules, margins, seeds and trainings are in `studies/paper/fixed.json`, its sha256 beside it. Margins were
@@ -58,9 +59,8 @@ A margin has an error rate of its own. Cells of one response and level are taken
 what the kept trainings give, all cells at once, is drawn again with random sizes, and normal scores in
 place of the spectra, of which single scores are not kept: a detector's cells share their clean ones, those
 of several detectors none. Cells of the study's own spectra (*paired*) have no noise of spectra. NICER's
-networks are not trained again: its families take EPIC-pn's residuals, cell by cell, and the scatter that
-its kind lends, and are of flows of our own. A family with an adjusted p (Holm) below {bar:g} is a finding
-of its own."""
+networks are not trained again: its families take residuals and scatter of the same cells on EPIC-pn, and
+are of flows of our own. A family with an adjusted p (Holm) below {bar:g} is a finding of its own."""
 
 
 def below(
@@ -322,6 +322,9 @@ def _summary(judgements: Sequence[Judgement], key: Callable[[Judgement], str], t
     return table_of((title, "claims", *(verdict.value for verdict in Agreement)), rows)
 
 
+LIMITS = ("95 of 100 have at most", "p", "adjusted")
+
+
 def _families(families: Sequence[Family]) -> str:
     if not families:
         return "No cell is measured yet."
@@ -332,11 +335,12 @@ def _families(families: Sequence[Family]) -> str:
             str(f.paired),
             str(f.misses),
             f"{f.expected:.1f}",
+            f"{f.bare:.1f}",
             str(f.most),
             f"{f.p:.2g}",
             f"{f.adjusted:.2g}",
         )
         for f in families
     ]
-    header = ("family", "cells", "paired", "outside", "expected", "95 of 100 have at most", "p", "adjusted")
+    header = ("family", "cells", "paired", "outside", "expected", "by spectra alone", *LIMITS)
     return TOGETHER.format(bar=TOO_MANY, number=FAMILIES) + "\n\n" + table_of(header, rows)

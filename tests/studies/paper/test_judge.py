@@ -117,6 +117,13 @@ def test_a_bound_is_of_our_number_alone():
     assert np.isnan(found.smallest)
 
 
+def test_what_could_be_called_is_that_of_the_widest_part():
+    both = simulated(value={"a": 1.0, "b": 2.0}, rules=({"within": 0.1}, {"low": 0.0, "high": 9.0}))
+    found = judge(both, Measured({"a": 1.0, "b": 2.0}, {"a": 0.01, "b": 0.04}))
+    assert found.smallest == pytest.approx(0.1 + Q * 0.04)
+    assert found.excess == pytest.approx(Q * 0.04)
+
+
 def test_all_margins_must_hold_and_one_is_enough_to_differ():
     two = simulated(rules=({"within": 0.1}, {"high": 1.02}))
     assert judge(two, Measured(1.01, 0.001)).verdict is Agreement.AGREES

@@ -88,7 +88,7 @@ def test_exit_codes(found, code):
 
 
 def test_too_many_misses_are_a_finding_of_their_own():
-    few = Family(name="a", cells=48, paired=0, misses=5, expected=4.0, most=9, p=0.4, adjusted=0.4)
+    few = Family(name="a", cells=48, paired=0, misses=5, expected=4.0, bare=2.0, most=9, p=0.4, adjusted=0.4)
     assert Reproduction({}, (), (few,)).exit_code == 0
     assert Reproduction({}, (), (few, replace(few, adjusted=0.009))).exit_code == 1
 

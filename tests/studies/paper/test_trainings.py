@@ -105,9 +105,11 @@ def test_where_no_second_training_is_kept_the_kind_lends(priors):
         lent = scatter(claim, next(iter(claim.parts)), error=0.2)
         assert (lent.sd, lent.df) == (pytest.approx(0.2 * np.sqrt(prior.scale)), pytest.approx(prior.df))
         assert lent.own == 0.0
-    cell = claims()["grid.nicer.faint.B1.2e-05.D2"]
-    lent = scatter(cell, "value", error=9.0)
-    assert lent.sd == pytest.approx(cell.error["value"] * np.sqrt(priors[AUC].scale))
+    # A cell on NICER is lent that of the same cell on EPIC-pn, in units of its own error.
+    cell, other = claims()["grid.nicer.bright.B1.8e-05.D1"], claims()["grid.pn.bright.B1.8e-05.D1"]
+    lent, known = scatter(cell, "value", error=9.0), scatter(other, "value")
+    assert lent.sd == pytest.approx(known.sd * cell.error["value"] / other.error["value"])
+    assert (lent.df, lent.own) == (known.df, 0.0)
     # Of one network, which is not trained again: that it gives the same several times says nothing.
     assert not scatter(claims()["tab2.uncapped"], "failures").own
 
