@@ -24,6 +24,7 @@ NAMES = {
     "measured": "measured",
     "planted": "planted",
     "nulls": "nulls",
+    "coincidences": "coincidences",
     "w-bias": "w_bias",
     "shipped": "shipped",
     "informed": "informed.__main__",

@@ -197,10 +197,16 @@ def drawn(rng: Rng, known: Mapping[str, Files]) -> Case:
     )
 
 
-def spectrum(case: Case, counts: float, tool: Instrument, rng: Rng) -> dict[str, Any]:
+Line = Callable[[Array, NDArray[np.bool_]], Array]
+"""Counts ``(channel,)`` to add, from those expected of source and background, and which lie in the band."""
+
+
+def spectrum(
+    case: Case, counts: float, tool: Instrument, rng: Rng, *, line: Line | None = None
+) -> dict[str, Any]:
     """Counts ``(channel,)`` of source and background region, its size in the source's, flags, exposure.
 
-    `counts` are expected of the source in the band.
+    `counts` are expected of the source in the band, without a `line`.
     """
     emitted = MODELS[case.model](rng)
     column = _uniform_in_log(rng, 0.02, 2.0) if "tbabs" in case.model else 0.0
@@ -215,7 +221,8 @@ def spectrum(case: Case, counts: float, tool: Instrument, rng: Rng) -> dict[str,
         middle = np.maximum(tool.centres, 0.05)
         shape = (middle**-1.0 + 0.1) * np.diff(tool.edges)
         behind = share * counts * shape / shape[inside].sum()
-    found, region = rng.poisson(mean + behind), rng.poisson(behind * larger)
+    added = 0.0 if line is None else line(mean + behind, inside)
+    found, region = rng.poisson(mean + behind + added), rng.poisson(behind * larger)
     # The source is 1e-3 photons/keV/cm2/s at 1 keV before absorption, or ten times brighter or fainter.
     norm = _uniform_in_log(rng, 1e-4, 1e-2) / float(emitted(np.array([1.0]))[0])
     exposure = float(mean.sum() / (norm * tool.recorded(absorbed).sum()))

@@ -67,11 +67,10 @@ class Family:
         return FamilySaid(self.line.name, tuple(one.name for one in alike), (*lacking, *said), chance)
 
     def _elsewhere(self, one: Follower, factor: float) -> float:
-        """Share of places in the band where as much would be seen that could be this follower, its own among
-        them.
+        """Share of places in the band, as far apart as `reach`, where as much would be seen that could be
+        this follower, its own among them.
         """
-        entry = self.model.entries[self.at]
-        places = np.unique(entry.nodes[:, list(entry.parameters).index("energy")])
+        places = np.arange(self.band[0] + 0.5 * self.reach, self.band[1], self.reach)
         places = places[np.abs(places - factor * one.energy) > self.reach]
         own = self._project(self._lines(places, 0.0))
         information = (own**2).sum(axis=1)

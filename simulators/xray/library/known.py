@@ -44,8 +44,8 @@ _RARE = ("F", "Sc", "Ti", "V", "Co", "Cu", "Zn")
 _SHINING = ("Si", "S", "Ca", "Ni")
 """Elements whose K alpha is seen beside iron's: abundance times fluorescence yield, 0.05 to 0.4 for these."""
 
-_WITH_L = ("Ca", "Fe", "Ni")
-"""Elements above 1e-6 of hydrogen whose L shell is above 0.25 keV."""
+_WITH_L = ("Fe", "Ni")
+"""Elements above 1e-6 of hydrogen whose L lines are above 0.25 keV."""
 
 _DETECTORS = {
     "EPN": ("Al Cr Fe Ni Cu Zn Au", "Si Al Au"), "EMOS": ("Al Si Cr Mn Fe Ni Zn Au", "Si Al Au"),
@@ -64,7 +64,7 @@ _IRON = (("Fe I", 7.112), ("Fe V", 7.149), ("Fe IX", 7.275))
 (Palmeri et al. 2003, A&A 410, 359); edges of ions by Verner & Yakovlev (1995), A&AS 109, 125."""
 
 _NEON_LIKE = ("Fe XVII", 6.43, 7.651)
-"""K alpha (Palmeri et al.) and K edge (Verner & Yakovlev) where no electron is left for K beta."""
+"""K alpha (Mendoza et al. 2004, A&A 414, 377) and K edge where no electron is left for K beta."""
 
 K_BETA = 0.13
 """Iron's K beta in K alpha, photons (Palmeri et al.: 0.12 to 0.14)."""
