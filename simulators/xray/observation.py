@@ -67,6 +67,7 @@ def read_observation(
     redshift: float = 0.0,
     names: Sequence[str] | None = None,
     regroup: str = "ungrouped",
+    sys_err: bool = False,
 ) -> Observation:
     """One source from its spectrum, or from several instruments' spectra.
 
@@ -89,6 +90,8 @@ def read_observation(
         Of the instruments; else what the headers call them, or the files.
     regroup : {"ungrouped", "never", "always"}
         Whether channels are grouped by the detector's resolution; existing groups are kept by default.
+    sys_err : bool
+        Whether SYS_ERR is used as scatter beyond Poisson's, instead of being noted.
 
     Raises
     ------
@@ -100,7 +103,9 @@ def read_observation(
         raise InputError("spectra: none given; name at least one PHA file")
     if exposure is not None and len(paths) > 1:
         raise InputError("exposure: can be given for a single spectrum only; correct the headers instead")
-    readers = [Reader(band=one, regroup=regroup, reached=True) for one in _bands(band, len(paths))]
+    readers = [
+        Reader(band=one, regroup=regroup, reached=True, sys_err=sys_err) for one in _bands(band, len(paths))
+    ]
     columns = [_each(role, files, len(paths)) for role, files in (("rmf", rmf), ("arf", arf))]
     behind = _each("background", background, len(paths))
     readings = [

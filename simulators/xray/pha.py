@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -37,6 +37,8 @@ class Pha:
     instrument: str | None = None
     frame_time: float | None = None
     notes: tuple[str, ...] = ()
+    systematic: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    """Relative errors beyond Poisson's, SYS_ERR."""
 
 
 def pha_file(name: FilePath) -> Path:
@@ -124,6 +126,7 @@ def read_pha(path: Path, *, number: int | None = None) -> Pha:
             instrument=header.get("INSTRUME"),
             frame_time=_frame_time(header, hdus[0].header),
             notes=(*systematic(beyond), *statistical(channel, counts, error, poisson)),
+            systematic=beyond,
         )
 
 

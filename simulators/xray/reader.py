@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.digest import file_digest
 from gaugeblock.core.errors import InputError
+from gaugeblock.simulators.xray.count_errors import systematic
 from gaugeblock.simulators.xray.detector import Detector, read_detector
+from gaugeblock.simulators.xray.extra_scatter import scattered
 from gaugeblock.simulators.xray.files import FilePath
 from gaugeblock.simulators.xray.pha import Pha, load_pha, pha_file
 from gaugeblock.simulators.xray.response import Response, respond
@@ -178,16 +180,24 @@ class Reader:
         Which spectra are grouped by the detector's resolution (`resolution_grouping`).
     reached : bool
         Whether channels beyond the response's last photons are left out where no band is given.
+    sys_err : bool
+        Whether SYS_ERR is scatter beyond Poisson's (`extra_scatter`), instead of a note.
     """
 
     def __init__(
-        self, *, band: tuple[float, float] | None = None, regroup: str = "never", reached: bool = False
+        self,
+        *,
+        band: tuple[float, float] | None = None,
+        regroup: str = "never",
+        reached: bool = False,
+        sys_err: bool = False,
     ):
         if regroup not in {"never", "ungrouped", "always"}:
             raise InputError(f"grouping: must be never, ungrouped or always, got {regroup!r}")
         self._band = band
         self._regroup = regroup
         self._reached = reached and band is None
+        self._sys_err = sys_err
         self._digests: dict[tuple[str, int, int], str] = {}
         self._detectors: dict[tuple[str, str], Detector] = {}
         self._responses: dict[str, Response] = {}
@@ -226,6 +236,8 @@ class Reader:
         spectrum = Spectrum(counts, response)
         if background is not None and str(background).lower() != "none":
             spectrum = self._with_background(spectrum, raw, pha, background)
+        if self._sys_err:
+            spectrum = _scattered(spectrum, raw)
         return Reading(spectrum, identity, (raw.instrument or "").strip())
 
     def _with_background(self, spectrum: Spectrum, raw: Pha, pha: FilePath, background: FilePath) -> Spectrum:
@@ -280,6 +292,17 @@ class Reader:
             made = respond(detector, raw, band=self._band, grouping=grouping, name=None, pha=pha)
             self._responses[identity] = _reached(made, raw.instrument) if self._reached else made
         return self._responses[identity], identity
+
+
+def _scattered(spectrum: Spectrum, raw: Pha) -> Spectrum:
+    """The spectrum with SYS_ERR used, those of the channels of a group being off alike."""
+    response, unused = spectrum.response, systematic(raw.systematic)
+    size = np.asarray(response.grouping.sum(axis=1)).ravel()
+    error = np.asarray(response.grouping @ raw.systematic) / size
+    response = replace(response, notes=tuple(note for note in response.notes if note not in unused))
+    counts, response, weight = scattered(spectrum.counts, response, error)
+    scale = spectrum.background_scale
+    return Spectrum(counts, response, spectrum.background, None if scale is None else scale * weight)
 
 
 USUAL = {

@@ -70,7 +70,7 @@ class Response:
     redistribution : scipy.sparse.csr_array, shape (fine, bin)
         Probability of each detector channel for a photon in each bin (times AREASCAL, where there is one).
     grouping : scipy.sparse.csr_array, shape (channel, fine)
-        Which detector channels make up a grouped one: zeros and ones.
+        Which detector channels make up a grouped one: zeros and ones, or a weight of the group's.
     exposure : float
         Seconds.
     files : mapping
@@ -115,7 +115,9 @@ class Response:
     def _grouping_digest(self) -> str:
         # The files' hashes say nothing about a band or a grouping that the caller chose.
         rows, columns = self.grouping.nonzero()
-        return hashlib.sha256(np.stack([rows, columns]).astype("<i8").tobytes()).hexdigest()
+        weights = self.grouping.tocsr().data.astype("<f8")
+        told = b"" if np.all(weights == 1.0) else weights.tobytes()
+        return hashlib.sha256(np.stack([rows, columns]).astype("<i8").tobytes() + told).hexdigest()
 
     @property
     def band(self) -> tuple[float, float]:

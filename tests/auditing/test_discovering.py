@@ -405,7 +405,9 @@ def test_files_of_one_source_or_a_folder_of_many(tmp_path, monkeypatch):
     }  # fmt: skip
     (found,) = read_measured("a.pha", **common)
     assert (found.simulator, found.names) == (one.simulator, ("a",))
-    none = {"rmf": None, "arf": None, "background": None, "redshift": 0.3, "model": "powerlaw"}
+    none = {
+        "rmf": None, "arf": None, "background": None, "redshift": 0.3, "model": "powerlaw", "sys_err": False,
+    }  # fmt: skip
     assert calls.pop() == (((Path("a.pha"),),), none)
     read_measured(
         ["a.pha", Path("b.pha")], **{**common, "rmf": "r", "arf": ["s", "t"], "background": ("none",)}
@@ -429,6 +431,7 @@ def test_files_of_one_source_or_a_folder_of_many(tmp_path, monkeypatch):
         (tmp_path, {"rmf": ["a", "b"]}, "a catalogue takes one --rmf and one --arf at most"),
         (tmp_path, {"arf": ["a", "b"]}, "a catalogue takes one --rmf and one --arf at most"),
         (tmp_path, {"band": [(0.5, 8.0), (1.0, 2.0)]}, "a catalogue takes one band for all of its spectra"),
+        (tmp_path, {"sys_err": True}, "SYS_ERR is used of one source; weights of many would differ"),
     ):
         with pytest.raises(InputError) as caught:
             read_measured(files, **{**common, **more})

@@ -252,7 +252,8 @@ def test_a_search(calls: Calls, tmp_path: Path) -> None:
     assert calls.given == ([Path("a.pha"), Path("b.pha")],)
     plain = {
         "model": "tbabs*powerlaw", "priors": None, "band": None, "rmf": (), "arf": (), "background": (),
-        "redshift": 0.0, "regroup": "ungrouped", "effects": (), "only": (), "energy": None, "evidence": False,
+        "redshift": 0.0, "regroup": "ungrouped", "sys_err": False, "effects": (), "only": (), "energy": None,
+        "evidence": False,
         "replicates": 999, "seed": 0, "out": Path("gaugeblock-discovery"), "progress": True, "executor": None,
         "command": "gaugeblock discover a.pha b.pha",
     }  # fmt: skip
@@ -261,7 +262,7 @@ def test_a_search(calls: Calls, tmp_path: Path) -> None:
     words = (
         "discover --catalog many "
         "--model powerlaw --priors p.toml --band 0.5 7 --rmf r --arf a "
-        "--background none --redshift 0.3 --regroup always --effect gauss --energy 6.4 --own m:e "
+        "--background none --redshift 0.3 --regroup always --sys-err --effect gauss --energy 6.4 --own m:e "
         "--replicates 98 --evidence --out o --seed 3 --quiet"
     )
     asked(tmp_path, *words.split())
@@ -269,7 +270,8 @@ def test_a_search(calls: Calls, tmp_path: Path) -> None:
     del calls.named["command"]
     assert calls.named == {
         "model": "powerlaw", "priors": Path("p.toml"), "band": (0.5, 7.0), "rmf": [Path("r")],
-        "arf": [Path("a")], "background": ["none"], "redshift": 0.3, "regroup": "always", "effects": ["m:e"],
+        "arf": [Path("a")], "background": ["none"], "redshift": 0.3, "regroup": "always", "sys_err": True,
+        "effects": ["m:e"],
         "only": ["gauss"], "energy": 6.4, "evidence": True, "replicates": 98, "seed": 3, "out": Path("o"),
         "progress": False, "executor": None,
     }  # fmt: skip

@@ -25,7 +25,7 @@ class Layout:
     runs: Array
     """Lower and upper energy of every run, shape ``(run, 2)``."""
     groups: Any
-    """Which runs make up a group, sparse, shape ``(channel, run)``."""
+    """Which runs make up a group, sparse, shape ``(channel, run)``, with the group's weight."""
     members: Any
     """Which channels make up a group, sparse, shape ``(channel, fine)``."""
 
@@ -71,14 +71,15 @@ def layout(response: Response) -> Layout:
     order = np.argsort(fine[:, 0], kind="stable")
     edges = np.append(fine[order, 0], fine[order[-1], 1])
     members = response.grouping.tocsc()[:, order].tocsr()
-    runs, rows = [], []
+    runs, rows, weights = [], [], []
     for group in range(members.shape[0]):
         columns = np.sort(members.indices[members.indptr[group] : members.indptr[group + 1]])
         breaks = np.flatnonzero(np.diff(columns) > 1) + 1
         for run in np.split(columns, breaks):
             runs.append((edges[run[0]], edges[run[-1] + 1]))
             rows.append(group)
-    groups = csr_array((np.ones(len(runs)), (rows, np.arange(len(runs)))), (members.shape[0], len(runs)))
+            weights.append(members.data[members.indptr[group]])
+    groups = csr_array((np.array(weights), (rows, np.arange(len(runs)))), (members.shape[0], len(runs)))
     return Layout(order, edges, np.asarray(runs), groups, members)
 
 

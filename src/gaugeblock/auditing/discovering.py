@@ -60,6 +60,7 @@ def discover(
     background: Sequence[str] = (),
     redshift: float = 0.0,
     regroup: str = "ungrouped",
+    sys_err: bool = False,
     prior: Any = None,
     engine: Kind | None = None,
     effects: Mapping[str, LibraryEffect] | Sequence[LibraryEffect | str] = (),
@@ -90,6 +91,8 @@ def discover(
         Of measured spectra: the model as in XSPEC, a TOML file of priors, energies ``(low, high)`` in keV for
         all spectra or for one each, responses and backgrounds in place of the headers', channels to be
         grouped; see docs/xray.md.
+    sys_err
+        Whether SYS_ERR of measured spectra of one source is used, as scatter beyond Poisson's.
     prior
         Of a simulator that has none, or in place of its own: whatever `as_prior` takes.
     engine : "counts", "catalogue" or "simulations", optional
@@ -150,7 +153,7 @@ def discover(
         elif isinstance(what, str | os.PathLike) or _all(what, str | os.PathLike):
             groups = read_measured(
                 what, rmf=rmf, arf=arf, background=tuple(background), redshift=redshift, seed=seed,
-                progress=show, model=model, priors=priors, band=band, regroup=regroup,
+                progress=show, model=model, priors=priors, band=band, regroup=regroup, sys_err=sys_err,
             )  # fmt: skip
         elif _all(what, Sources):
             groups = list(what)
@@ -338,6 +341,7 @@ def read_measured(
     redshift: float,
     seed: int,
     progress: Progress,
+    sys_err: bool = False,
     **further: Any,
 ) -> list[Sources]:
     """The sources that PHA files, or a folder with a catalogue, hold: one group a response.
@@ -362,6 +366,8 @@ def read_measured(
             raise InputError("discover: a catalogue takes one --rmf and one --arf at most")
         if np.ndim(further.get("band", 0.0)) == 2:
             raise InputError("discover: a catalogue takes one band for all of its spectra")
+        if sys_err:
+            raise InputError("discover: SYS_ERR is used of one source; weights of many would differ")
         found = read_catalog(
             pha[0],
             rmf=next(iter(rmfs), None),
@@ -379,6 +385,7 @@ def read_measured(
                 arf=arfs or None,
                 background=background or None,
                 redshift=redshift,
+                sys_err=sys_err,
                 **further,
             ),
         )

@@ -65,6 +65,9 @@ def discover(
             help="Group channels by the resolution: ungrouped (where there are none), never, always."
         ),
     ] = "ungrouped",
+    sys_err: Annotated[
+        bool, typer.Option("--sys-err", help="Use SYS_ERR of the file as scatter beyond Poisson's.")
+    ] = False,
     effect: Annotated[
         list[str] | None, typer.Option(metavar="NAME", help="Search for this effect only; repeatable.")
     ] = None,
@@ -120,6 +123,7 @@ def discover(
             background=background or (),
             redshift=redshift,
             regroup=regroup,
+            sys_err=sys_err,
             effects=own or (),
             only=effect or (),
             energy=energy,
