@@ -65,6 +65,10 @@ class Bounds:
     critical: float
     next_critical: float
 
+    def inside(self, item: Judgeable) -> NDArray[np.bool_]:
+        """Which components of the finding are shown to be within its tolerance."""
+        return np.asarray((self.pass_low >= item.low) & (self.pass_high <= item.high))
+
 
 def pass_level(look: int) -> float:
     """One-sided level of the bounds that must lie inside the tolerance for PASS, at this look.

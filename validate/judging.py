@@ -125,8 +125,7 @@ def _judgeable(finding: Finding, policy: Policy) -> Judgeable | None:
 def _gate(item: Judgeable, bound: Bounds, policy: Policy, *, seed: int, look: int) -> Gate:
     finding = item.finding
     fails = ((bound.high < item.low) | (bound.low > item.high)) & (not finding.excuse)
-    passes = (bound.pass_low >= item.low) & (bound.pass_high <= item.high)
-    settled = passes.all() and not finding.doubt
+    settled = bound.inside(item).all() and not finding.doubt
     outcome = Outcome.FAIL if fails.any() else Outcome.PASS if settled else Outcome.INCONCLUSIVE
     worst = _worst(item, bound, fails)
     tolerance = item.low if finding.sense == "at-least" else item.high

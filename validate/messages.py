@@ -160,8 +160,7 @@ def _local(item: Judgeable, bound: Bounds, shown: list[int], level: str) -> str:
     more = len({part.rpartition(SEPARATOR)[0] for part in np.array(finding.components)[outside]}) - 1
     if more > 0:
         said.append(f"and {more} more")
-    passed = (bound.pass_low >= item.low).all() and (bound.pass_high <= item.high).all()
-    if passed and "features" in finding.details:
+    if bound.inside(item).all() and "features" in finding.details:
         features = int(finding.details["features"].values)
         return (
             f"no region that a tree of depth {DEPTH} over {features} features found is off by more than is "
@@ -174,10 +173,13 @@ def _informed(item: Judgeable, bound: Bounds, shown: list[int], level: str) -> s
     index, details = shown[0], item.finding.details
     spread = _range(bound, index, "{:+.3f}".format)
     gap = f"(gap {float(item.finding.estimate[index]):+.3f}, {level} {spread}; tolerated {item.high:g})"
+    blame = item.finding.components[index]
     if bound.low[index] > item.high:
-        said = f"{item.finding.components[index]}: a challenger tells truths from draws {gap}"
-    else:
+        said = f"{blame}: a challenger tells truths from draws {gap}"
+    elif bound.inside(item).all():
         said = f"no challenger of {CHALLENGERS} does better by more than the tolerance {gap}"
+    else:
+        said = f"{blame}: a challenger may tell truths from draws by more than is tolerated, or by less {gap}"
     if "nats" in details:
         nats, least, most = (float(details[name].values) for name in ("nats", "nats_low", "nats_high"))
         said += f"; in log score it gains {nats:+.3f} nats a trial ({least:+.3f} to {most:+.3f})"

@@ -152,6 +152,15 @@ def test_what_was_learned():
         "no challenger of ridge regressions and boosted trees does better by more than the "
         "tolerance (gap +0.010"
     )
+    # Neither: what was seen, and of whom. Also where the estimate itself is on one side of the tolerance.
+    for seen, half in ((0.055, 0.01), (0.045, 0.01), (0.0, 0.06)):
+        assert informed(seen, half=half, outcome=Outcome.INCONCLUSIVE).startswith(
+            "ridge: a challenger may tell truths from draws by more than is tolerated, or by less "
+            f"(gap {seen:+.3f}, 95% simultaneous {seen - half:+.3f} .. {seen + half:+.3f}; tolerated 0.05); "
+        )
+    # What would PASS or FAIL, but for a doubt of something else, is told as it was seen.
+    doubted = informed(0.01, outcome=Outcome.INCONCLUSIVE, doubt="x is alike")
+    assert doubted.startswith("no challenger of ridge")
     eleven = informed(0.1, number=11)
     assert eleven.count("a regression") == 8
     assert eleven.endswith("3 more in the report")

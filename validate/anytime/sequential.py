@@ -69,7 +69,8 @@ def _gate(finding: SequenceFinding, found: Evidence, policy: Policy, outcome: Ou
     worst = int(np.argmax(grown.max(axis=1))) if fail else int(np.argmin(found.outside.min(axis=1)))
     bound = _bounds(found, worst, threshold)
     tolerance = float(getattr(policy.tolerance, finding.quantity))
-    item = Judgeable(finding=finding, low=-tolerance, high=tolerance)
+    low = -math.inf if finding.sense == "at-most" else -tolerance
+    item = Judgeable(finding=finding, low=low, high=tolerance)
     detectable = tolerance + _reach(finding, worst, threshold, policy.planning.power)
     settle = (
         None if outcome is not Outcome.INCONCLUSIVE else _settle(found, finding, worst, tolerance, policy)

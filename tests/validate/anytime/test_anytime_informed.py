@@ -101,6 +101,9 @@ def test_an_exact_estimator_passes_after_a_thousand_trials_and_never_before():
     assert (gate.outcome, gate.pass_interval) == (Outcome.INCONCLUSIVE, (-2.5, 2.5))
     later = np.r_[np.full(1000, np.nan), np.full(500, -0.05)]
     assert decide(gather([of(later)], DEFAULT), 0.05) == [Outcome.PASS]
+    (gate,) = sequence_gates([of(later)], DEFAULT)
+    assert gate.pass_interval[0] < -0.018
+    assert gate.message.startswith("no challenger of ")
 
 
 @pytest.mark.parametrize("name", ["spike and slab", "counts"])
