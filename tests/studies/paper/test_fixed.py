@@ -76,6 +76,7 @@ def test_rules_say_whose_network_they_speak_of():
         "is.khat.bright.clean", "is.lowess.bright", "tab2.production",
     ]  # fmt: skip
     assert of["tab2.reseed101"] == "stopped"
+    assert (of["gm.bias.fixed.medium"], of["gm.bias.marg.medium"]) == ("fixed", "gain")
     assert sum(network == "nicer" for network in of.values()) == 117 + 4 + 6
     # What needs no flow is of no network.
     assert not {"gm.lin.medium", "xc.fisher", "det.nicer.fwhm", "gm.prior"} & set(of)

@@ -28,11 +28,11 @@ def half(variance, df):
 
 
 def test_the_law_is_found_again():
-    """20,000 claims of 3 degrees of freedom each, from 10 and 0.5: to 10 and 5% (seeded)."""
+    """20,000 claims of 3 degrees of freedom each, from 10 and 0.5: to 10 and 2.5% (seeded)."""
     rng = np.random.default_rng(7)
     _, values = drawn(rng, 20_000, 10.0)
     prior = prior_of(np.sqrt(0.5) * values[:, :TRAININGS])
-    assert (prior.df, prior.scale) == (pytest.approx(10.0, rel=0.1), pytest.approx(0.5, rel=0.05))
+    assert (prior.df, prior.scale) == (pytest.approx(10.0, rel=0.1), pytest.approx(0.5, rel=0.025))
     assert prior.squeezed(2.0, 3.0) == pytest.approx((10 * 0.5 + 3 * 2.0) / 13, rel=0.1)
 
 
