@@ -26,8 +26,8 @@ claim **agrees** if a 90% interval, training included, lies inside its margin, *
 **undecided** otherwise: not being rejected is no agreement. Numbers in brackets are the study's."""
 
 UNDECIDED = """\
-Of the undecided, {networks} speak of another network than was run here, {runs} would be settled by more spectra
-or trainings of ours, {none} by nothing of ours."""
+Of the undecided, {networks} speak of another network than was run here, {runs} would be settled by more
+spectra or trainings of ours, {none} by nothing of ours."""
 
 
 def front(
