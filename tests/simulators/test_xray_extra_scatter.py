@@ -11,7 +11,8 @@ from gaugeblock.core.errors import InputError
 from gaugeblock.simulators import Effect
 
 pytest.importorskip("jaxspec")
-from gaugeblock.auditing.discovering import read_measured
+from gaugeblock.auditing.discovering import discover, read_measured
+from gaugeblock.discovery import Sources
 from gaugeblock.simulators.xray import XraySpectrum, data, reference
 from gaugeblock.simulators.xray.extra_scatter import REACH, scattered, weights
 from gaugeblock.simulators.xray.observation import read_observation
@@ -120,3 +121,20 @@ def test_it_is_asked_for_of_one_source(files, tmp_path):
     assert np.array_equal(source.counts, used.counts)
     with pytest.raises(InputError, match="SYS_ERR is used of one source"):
         read_measured(tmp_path, rmf=(), arf=(), sys_err=True, **asked)
+
+
+@pytest.mark.slow
+def test_a_search_that_is_told_of_the_scatter_finds_nothing_in_it():
+    """A million counts in 102 bins whose means scatter by 3 per cent: C is 800, and Poisson's would be 100."""
+    spectrum = reference(level="bright")
+    theta = np.array([0.22, 1.8, 3e-3, 0.9, 0.2])
+    bright = spectrum.with_exposure(1e6 / spectrum.expected(theta).sum() * spectrum.exposure)
+    counts = np.random.default_rng(1).poisson(
+        bright.expected(theta) * np.random.default_rng(2).gamma(0.03**-2, 0.03**2, 102)
+    )
+    whole, response, _ = scattered(counts, bright.response, np.full(102, 0.03))
+    for observed, seen, named in ((whole, response, False), (counts, bright.response, True)):
+        told = XraySpectrum(spectrum.model, seen, spectrum.prior, integration="exact")
+        found = discover(Sources.of(told, observed), seed=1, replicates=399, progress=False)
+        assert any(one.certain for one in found.statements) is named
+        assert (found.p_global < 0.01) is named
