@@ -3,7 +3,8 @@
 A truth's rank among draws is exact if draws that are used are independent. Of a chain they are not, whatever
 its author says, so the order is measured, and draws are thinned until what is left of it does not matter.
 Draws that are sorted, alike in all trials, are exact as they are. Repeated ones look like a chain and are
-thinned, sorted ones with ties as well. A chain that somebody sorted cannot be told from independent draws.
+thinned, sorted ones with ties as well, and those that somebody shuffled (`repeats`). A chain that moves at
+every step and that somebody sorted or shuffled cannot be told from independent draws.
 """
 
 from __future__ import annotations
@@ -44,14 +45,15 @@ def measured_trials(trials: int, values: int) -> NDArray[np.int64]:
     return np.arange(number) * trials // max(number, 1)
 
 
-def draw_order(draws: ArrayLike) -> DrawOrder:
-    """How far `draws` ``(trial, draw, parameter)`` depend on their order.
+def draw_order(draws: ArrayLike, repeated: float = 0.0) -> DrawOrder:
+    """How far `draws` ``(trial, draw, parameter)`` depend on their order, and on each other.
 
     Correlations at every lag, pooled over trials, of ranks within each trial and of how far these lie from
     the middle: posteriors without moments and with few values are no exception, and chains that mix well in
     place and badly in scale are seen. What independent draws show by chance counts as none. Left by thinning
     to every s-th, correlations at s, 2 s, ... add up to c, which narrows coverage by at most c s / draws (to
-    first order). Negative ones count like positive ones.
+    first order). Negative ones count like positive ones. A share `repeated` of pairs that are copies,
+    wherever they stand, is a correlation at every lag.
 
     >>> white = np.random.default_rng(0).normal(size=(50, 500, 1))
     >>> draw_order(white)
@@ -65,10 +67,11 @@ def draw_order(draws: ArrayLike) -> DrawOrder:
         return DrawOrder(1, float(n))
     correlation = _correlations(values)
     overlap = 1 - np.arange(1, n)[:, None] / n
-    time = float((1 + 2 * (overlap * np.abs(correlation)).sum(axis=0)).max())
+    correlation = overlap * (np.abs(correlation) + repeated)
+    time = float((1 + 2 * correlation.sum(axis=0)).max())
     if time == 1:
         return DrawOrder(1, float(n))
-    return DrawOrder(_stride(np.abs(overlap * correlation), n), n / time)
+    return DrawOrder(_stride(correlation, n), n / time)
 
 
 def _stride(correlation: Array, n: int) -> int:

@@ -21,6 +21,7 @@ from gaugeblock.validate.check import PER_DRAW, PER_TRIAL, QUANTITY, circular_pa
 from gaugeblock.validate.features import COMPONENT, FITTED, TrialFeatures, features_of
 from gaugeblock.validate.policy import Levels
 from gaugeblock.validate.ranks import randomised_pit, unwrap_circular
+from gaugeblock.validate.repeats import repeated
 from gaugeblock.validate.standardised import standardised_errors
 from gaugeblock.validate.storage import block_length
 from gaugeblock.validate.trials import IMPORTANCE, group_trials, main_trials
@@ -181,17 +182,25 @@ class Prepared:
 
     @cached_property
     def order(self) -> DrawOrder:
-        """How far draws depend on their order, as trials spread over all of them show."""
-        n, draws = len(self.trial), self.main.sizes["draw"]
+        """How far draws depend on their order, and on each other."""
+        return draw_order(self._measured()[0], self.copies)
+
+    @cached_property
+    def copies(self) -> float:
+        """Share of pairs of a trial's draws that are copies of each other."""
+        return repeated(*self._measured())
+
+    def _measured(self) -> tuple[NDArray[Any], Array]:
+        """Draws and truths of trials spread over all of them, in which dependence is looked for."""
+        n, size = len(self.trial), (self.main.sizes["draw"], self.main.sizes["parameter"])
         chosen = np.zeros(n, dtype=bool)
-        wanted = measured_trials(n, draws * self.main.sizes["parameter"])
-        chosen[np.argsort(self.trial, kind="stable")[wanted]] = True
+        chosen[np.argsort(self.trial, kind="stable")[measured_trials(n, size[0] * size[1])]] = True
         parts = [
             part["draws"].values[kept][chosen[rows]]
             for rows, part, kept in self._parts()
             if chosen[rows].any()
         ]
-        return draw_order(np.concatenate(parts)) if parts else DrawOrder(1, float(draws))
+        return np.concatenate(parts or [np.empty((0, *size))]), self.theta_true[chosen]
 
     @property
     def kept_draws(self) -> int:
@@ -217,13 +226,14 @@ class Prepared:
         """Why draws judge nothing: too few are left of them. Empty where they do."""
         if self.order.stride == 1 or self.order.worth >= LEAST_WORTH:
             return ""
-        remedy = "shuffle draws that are independent, else draw more"
+        remedy = "draw more (shuffling mends independent draws that were put in order, and hides a chain)"
         return f"{self._order_said}; {LEAST_WORTH} are needed: {remedy}"
 
     @property
     def _order_said(self) -> str:
         draws = self.main.sizes["draw"]
-        return f"draws depend on their order: {draws:,} are worth about {self.order.worth:,.0f}"
+        why = "are copies of each other" if self.copies else "depend on their order"
+        return f"draws {why}: {draws:,} are worth about {self.order.worth:,.0f}"
 
     @cached_property
     def features(self) -> TrialFeatures | None:

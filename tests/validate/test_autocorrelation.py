@@ -114,7 +114,7 @@ def test_chains_that_are_worth_little_judge_nothing(rho, draws):
         for name in ("sbc.bias", "sbc.log_width", "coverage.central", "joint.tarp"):
             message = next(gate.message for gate in found.gates if gate.id == name)
             assert f"draws depend on their order: {draws} are worth about " in message
-            assert "50 are needed: shuffle draws that are independent, else draw more" in message
+            assert "50 are needed: draw more (shuffling mends independent draws" in message
 
 
 def test_ranks_of_thinned_chains_are_uniform():
