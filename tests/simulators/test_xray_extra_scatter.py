@@ -125,7 +125,7 @@ def test_it_is_asked_for_of_one_source(files, tmp_path):
 
 @pytest.mark.slow
 def test_a_search_that_is_told_of_the_scatter_finds_nothing_in_it():
-    """A million counts in 102 bins whose means scatter by 3 per cent: C is 800, and Poisson's would be 100."""
+    """A million counts in 102 bins whose means scatter by 3 per cent: C is 800, of Poisson's 100."""
     spectrum = reference(level="bright")
     theta = np.array([0.22, 1.8, 3e-3, 0.9, 0.2])
     bright = spectrum.with_exposure(1e6 / spectrum.expected(theta).sum() * spectrum.exposure)
