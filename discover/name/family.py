@@ -139,7 +139,7 @@ class Family:
             return None
         other = self.entries[one.effect]
         rows = self.shapes.values[0, self.shapes.owner == one.effect]
-        rows = np.asarray(rows * self.model.fit.expected[0] / np.maximum(self.base.expected[0], TINY), float)
+        rows = np.asarray(rows * self._rest[1] / np.maximum(self.base.expected[0], TINY), float)
         scanned = other.nodes[:, list(other.parameters).index("energy")]
         place = np.interp(factor * one.energy, scanned, np.arange(len(scanned)))
         low = int(np.clip(np.floor(place), 0, max(len(scanned) - 2, 0)))

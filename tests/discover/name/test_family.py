@@ -7,8 +7,9 @@ import pytest
 
 from gaugeblock.discovery import Sources, discover_source
 from gaugeblock.discovery.result import Estimate
+from gaugeblock.simulators import Uniform
 from gaugeblock.simulators.effects import Effect
-from gaugeblock.simulators.library import Follower, Known, Stage
+from gaugeblock.simulators.library import Follower, Known, LibraryEffect, Stage
 
 RATIO = 0.3
 BETA, EDGE = Follower("toy beta", "line", 4.7, ratio=RATIO), Follower("toy edge", "edge", 3.8)
@@ -18,9 +19,9 @@ FAR = Estimate(99.0)
 KNOWN = (ALPHA, Known("toy beta", 4.7, 1), Known("other", 1.7, 0))
 
 
-def searched(power_law, counts, ratio, depth=0.0, factor=1.01, seed=None, known=KNOWN):
+def searched(power_law, counts, ratio, depth=0.0, factor=1.01, seed=None, known=KNOWN, redshift=0.0):
     """A line of `counts` at 3 keV times a factor, what comes with it, and the first statement."""
-    simulator = power_law()
+    simulator, factor = power_law(), factor / (1.0 + redshift)
     for name, fixed in (
         ("line", {"energy": 3.0 * factor, "counts": counts}),
         ("line", {"energy": 4.7 * factor, "counts": ratio * counts}),
@@ -35,17 +36,17 @@ def searched(power_law, counts, ratio, depth=0.0, factor=1.01, seed=None, known=
         for key, entry in plain.effect_library(np.array([[10.0 * counts, 1.5]])).items()
         if key in ("line", "edge")
     }
-    sources = Sources.of(plain, made[None].astype(float))
+    sources = Sources.of(plain, made[None].astype(float), redshift=np.array([redshift]))
     return discover_source(sources, effects=own, only=("line", "edge"), replicates=399)
 
 
-def alpha(found):
-    """The statement of the line at 3 keV."""
-    return min(found.statements, key=lambda one: abs(one.parameters.get("energy", FAR).value - 3.0))
+def alpha(found, at=3.0):
+    """The statement of the line at 3 keV, or where a redshift has it."""
+    return min(found.statements, key=lambda one: abs(one.parameters.get("energy", FAR).value - at))
 
 
-def of(found, name):
-    (said,) = [one for one in alpha(found).family.followers if one.name == name]
+def of(found, name, at=3.0):
+    (said,) = [one for one in alpha(found, at).family.followers if one.name == name]
     return said
 
 
@@ -110,9 +111,11 @@ def test_a_line_and_its_follower_have_names_by_the_two_of_them_and_a_factor(powe
 
 
 def test_an_edge_that_comes_with_it_has_its_depth(power_law):
-    said = of(searched(power_law, 20_000.0, RATIO, depth=0.2), "toy edge")
+    said = of(searched(power_law, 20_000.0, RATIO, depth=0.2, redshift=0.29), "toy edge", 3.0 / 1.29)
     assert said.seen
-    assert said.ratio == pytest.approx(0.2, abs=0.05)
+    assert said.energy_kev == pytest.approx(1.01 * 3.8 / 1.29, rel=2e-3)
+    # To first order, near an energy that was scanned.
+    assert said.ratio == pytest.approx(0.2, abs=0.02)
     assert said.expected is None
     assert said.power is None
     none = of(searched(power_law, 20_000.0, RATIO), "toy edge")
@@ -124,3 +127,41 @@ def test_without_a_family_nothing_is_said(power_law):
     found = searched(power_law, 20_000.0, RATIO, factor=1.1)
     assert alpha(found).family is None
     assert alpha(found).shifted is None
+
+
+def test_a_follower_is_as_broad_as_its_line_and_itself(power_law):
+    class Broad(power_law):
+        """With lines that have a width."""
+
+        def expected(self, theta):
+            values, mean, at = np.asarray(theta, dtype=float), super().expected(theta), 2
+            for _ in self.effects:
+                energy, sigma, counts = np.moveaxis(values[..., at : at + 3, None], -2, 0)
+                at += 3
+                bell = np.exp(-0.5 * ((CENTRES - energy) / sigma) ** 2) / (sigma * np.sqrt(2.0 * np.pi))
+                mean = mean + counts * bell * WIDTHS
+            return mean
+
+        def with_effect(self, effect):
+            made = super().with_effect(effect)
+            return Broad(made.effects, made.prior)
+
+    (edges,) = [part.edges for part in power_law().segments()]
+    CENTRES, WIDTHS = np.sqrt(edges.prod(axis=1)), np.diff(edges, axis=1)[:, 0]
+    shoulder = Follower("toy shoulder", "broad", 4.4, width=0.3)
+    known = (Known("toy alpha", 3.0, 0, family=(Stage("toy I", 3.0, (shoulder,)),)),)
+    entry = LibraryEffect(
+        name="broad", amplitude="counts", step=2000.0, cause="", typical="", known=known,
+        energies=("energy", "sigma"),
+        parameters={"energy": Uniform(0.6, 7.5), "sigma": Uniform(0.01, 1.0), "counts": Uniform(0.0, 1e6)},
+        scanned={"energy": np.geomspace(0.7, 7.0, 36), "sigma": np.array([0.2])},
+    )  # fmt: skip
+    sigma = np.hypot(0.2 * 4.4 / 3.0, 0.3)
+    simulator = Broad().with_effect(entry.effect()).with_effect(entry.effect())
+    mean = simulator.expected(np.array([1e5, 1.5, 3.0, 0.2, 3e4, 4.4, sigma, 0.2 * 3e4]))
+    found = discover_source(
+        Sources.of(Broad(), np.round(mean)[None]), effects={"broad": entry}, only=("broad",), replicates=399
+    )
+    said = of(found, "toy shoulder")
+    assert said.energy_kev == pytest.approx(4.4, rel=1e-3)
+    assert said.ratio == pytest.approx(0.2, abs=0.3 * said.error)
