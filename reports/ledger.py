@@ -28,9 +28,9 @@ def of_the_ledger(provenance: Mapping[str, Any], *, unknown: str = UNKNOWN) -> s
     record = provenance["ledger"]
     if not isinstance(record, Mapping):
         return unknown
-    earlier, estimators, truths, releases = (
+    earlier, estimators, truths, releases, others = (
         value if isinstance(value := record.get(name), int) else 0
-        for name in ("earlier", "estimators", "same_truths", "releases")
+        for name in ("earlier", "estimators", "same_truths", "releases", "other_policies")
     )
     kept = provenance.get("sha256")
     # `gaugeblock gate` judges under another policy than the one that the ledger counted.
@@ -42,6 +42,8 @@ def of_the_ledger(provenance: Mapping[str, Any], *, unknown: str = UNKNOWN) -> s
     )
     under = "the policy it was audited under, which is another" if other else "this policy"
     said = [f"The {_ordinal(earlier + 1)} audit of this simulator under {under}: {before}."]
+    if others:
+        said.append(f"Under other policies it had {count(others, 'earlier audit')}, not among these.")
     if truths:
         said.append(
             f"The same truths judged {count(truths, 'estimator')} before: a PASS is optimistic "

@@ -47,7 +47,17 @@ def of_looks(verdict: Verdict) -> str:
         before = listed([f"{trials:,}" for trials in looks.trials[:-1]], most=8)
         said.append(f"Look {looks.number} at this audit, after {before} trials: all share the error rates.")
     if looks.anew:
-        said.append("Looks in its folder at another estimator, policy or seed are not counted.")
+        trials = verdict.provenance.get("trials")
+        simulated = isinstance(trials, Mapping) and "block" in trials
+        other = (
+            "at another estimator, policy, seed or plan of trials"
+            if simulated
+            else "at draws that do not begin as these do, or under another policy,"
+        )
+        said.append(f"Looks in its folder {other} are not counted.")
+    if looks.other_policies:
+        under = "another policy" if looks.other_policies == 1 else "other policies"
+        said.append(f"{count(looks.other_policies, 'earlier audit')} of these truths under {under}.")
     return " ".join(said)
 
 

@@ -28,11 +28,13 @@ def share(look: int) -> float:
 class Looks:
     """Trials at every look of this audit so far, the present one last.
 
-    `anew` says that its folder holds looks of another estimator, policy or seed, which are not among them.
+    `anew` says that its folder holds looks of another estimator, policy or seed, or at other draws, which are
+    not among them; `other_policies` how many audits of the same truths under other policies came before it.
     """
 
     trials: tuple[int, ...] = ()
     anew: bool = False
+    other_policies: int = 0
 
     @property
     def number(self) -> int:
@@ -41,4 +43,9 @@ class Looks:
 
     def to_json(self) -> dict[str, Any]:
         """Plain data, for verdict.json."""
-        return {"number": self.number, "trials": list(self.trials), "anew": self.anew}
+        return {
+            "number": self.number,
+            "trials": list(self.trials),
+            "anew": self.anew,
+            "other_policies": self.other_policies,
+        }

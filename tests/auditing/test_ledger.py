@@ -80,8 +80,9 @@ def begun(file: Path, estimator: str, *, seed: int = 1, release: bool = False, *
         "simulator": {"name": options.get("simulator", "s"), "class": options.get("simulator", "s")},
         "estimator": {"name": "e", "class": estimator},
     }
-    policy, trials = options.get("policy", DEFAULT), options.get("trials", 100)
-    return entered(file, things, policy, seed=seed, trials=trials, release=release)
+    trials = {"number": options.get("trials", 100), "block": 200, "draws": 250, "seed": seed}
+    things["trials"] = trials | options.get("made", {})
+    return entered(file, things, options.get("policy", DEFAULT), release=release)
 
 
 def test_audits_are_counted_and_listed_in_order(tmp_path: Path) -> None:
@@ -155,6 +156,90 @@ def test_a_release_has_one_seed_that_nobody_saw(tmp_path: Path, monkeypatch: pyt
     assert not begun(file, "a", seed=9).record["release"]
 
 
+@pytest.mark.parametrize(
+    ("made", "fresh"), [({"block": 100}, True), ({"draws": 80}, False), ({"importance_draws": 10}, False)]
+)
+def test_trials_that_are_made_otherwise_are_another_audit(
+    tmp_path: Path, made: dict[str, int], fresh: bool
+) -> None:
+    """By another block the same seed draws other truths: nobody gets these for nothing."""
+    file = tmp_path / "ledger.json"
+    begun(file, "a")
+    other = begun(file, "a", made=made)
+    assert (other.record["earlier"], other.record["estimators"]) == (1, 1)
+    assert other.looked_at == [100]
+    assert begun(file, "a", made=made).record == other.record
+    assert len(lines(file)) == 2
+    assert [name in lines(file)[1]["trials"] for name in ("number", "seed", *made)] == [False, False, True]
+    # Whether these are the truths that judged another estimator before.
+    assert begun(file, "b", made=made, trials=400).record["same_truths"] == 1
+    assert begun(file, "c", made={"block": 100}).record["same_truths"] == (2 if fresh else 0)
+    # Likelihoods of more trials, and more trials, are those of the same audit.
+    assert begun(file, "a", made={**made, "joint_number": 9, "importance_number": 8}).record == other.record
+
+
+def test_a_release_keeps_to_how_its_trials_are_made(tmp_path: Path) -> None:
+    file = tmp_path / "ledger.json"
+    first = begun(file, "a", release=True)
+    before = file.read_bytes()
+    for made in ({"block": 100}, {"draws": 80}, {"anytime": True}):
+        with pytest.raises(InputError, match=r"begun on trials made otherwise \((block|draws|any)") as caught:
+            begun(file, "a", release=True, made=made)
+        assert "\n" not in str(caught.value)
+    with pytest.raises(InputError, match="block 200 there, 100 here"):
+        begun(file, "a", release=True, policy=STRICT, made={"block": 100})
+    assert file.read_bytes() == before
+    assert begun(file, "a", release=True, made={"joint_number": 50}).seed == first.seed
+    assert begun(file, "b", release=True, made={"block": 100}).record["releases"] == 1
+
+
+def test_an_audit_enters_how_its_trials_are_made(tmp_path: Path) -> None:
+    file = tmp_path / "ledger.json"
+    audited(file, 0.0, seed=1)
+    second = audited(file, 0.0, trials={"number": 30, "block": 10}, seed=1)
+    third = audited(file, 0.0, seed=1, anytime=True, validators=None)
+    assert [record(one)["earlier"] for one in (second, third)] == [1, 2]
+    assert [line["trials"]["block"] for line in lines(file)] == [200, 10, 200]
+    assert [line["trials"].get("anytime") for line in lines(file)] == [None, None, True]
+    options = {"release": True, "out": tmp_path / "out"}
+    audited(file, 0.0, **options)
+    with pytest.raises(InputError, match="block 200 there, 10 here"):
+        audited(file, 0.0, trials={"number": 30, "block": 10}, **options)
+
+
+def test_what_stopped_by_itself_had_no_look_before(tmp_path: Path) -> None:
+    options = {"trials": {"number": 400, "block": 50}, "anytime": True, "validators": None}
+    result = audited(tmp_path / "ledger.json", 3.0, **options)
+    used = result.verdict.provenance["trials"]["used"]
+    assert used < 400
+    assert result.verdict.looks.trials == (used,)
+
+
+def test_audits_under_other_policies_are_told_beside(tmp_path: Path) -> None:
+    """A policy that is hardly another one is counted by itself; that there were others is said."""
+    file, out = tmp_path / "ledger.json", tmp_path / "out"
+    audited(file, 0.1, seed=1)
+    audited(file, 0.1, seed=2, policy={"tolerance": {"bias": 0.1000001}})
+    options = {"seed": 1, "policy": {"tolerance": {"bias": 0.1000002}}, "out": out}
+    result = audited(file, 0.1, **options)
+    assert (record(result)["earlier"], record(result)["same_truths"]) == (0, 0)
+    assert (record(result)["other_policies"], record(result)["same_truths_other_policies"]) == (2, 1)
+    assert result.verdict.looks.other_policies == 1
+    for text in (
+        terminal_summary(result.verdict, out),
+        (out / "summary.md").read_text(),
+        (out / "report.html").read_text(),
+    ):
+        assert "1 earlier audit of these truths under another policy." in text
+        assert "Under other policies it had 2 earlier audits, not among these." in text
+    assert verify(out).differences == ()
+    # What comes after changes nothing of it, and another block has other truths.
+    audited(file, 0.1, seed=1)
+    assert record(audited(file, 0.1, **options)) == record(result)
+    other = audited(file, 0.1, seed=1, policy="strict", trials={"number": 30, "block": 10})
+    assert (record(other)["other_policies"], other.verdict.looks.other_policies) == (3, 0)
+
+
 def test_an_interrupted_release_goes_on_with_its_seed(tmp_path: Path) -> None:
     file, out = tmp_path / "ledger.json", tmp_path / "out"
     options = {**QUICK, "trials": {"number": 30, "block": 10}, "ledger": file, "release": True}
@@ -216,28 +301,30 @@ def test_a_strangers_record_is_words_all_the_same() -> None:
 
 
 def test_two_networks_that_cannot_be_told_apart_are_two(tmp_path: Path) -> None:
-    file, things = (
-        tmp_path / "ledger.json",
-        {"simulator": {"class": "s"}, "estimator": {"state_sha256": None}},
-    )
-    for seed in (1, 2):
-        entry = entered(file, things, DEFAULT, seed=seed, trials=10, release=False)
-    third = entered(file, things, DEFAULT, seed=3, trials=10, release=False)
+    file = tmp_path / "ledger.json"
+    things = {
+        "simulator": {"class": "s"},
+        "estimator": {"state_sha256": None},
+        "trials": {"number": 10, "seed": 1},
+    }
+    for _ in range(2):
+        entry = entered(file, things, DEFAULT, release=False)
+    third = entered(file, things, DEFAULT, release=False)
     assert entry.record["estimators"] == 1
     assert third.record["estimators"] == 2
     with pytest.raises(InputError, match="cannot be told from another's"):
-        entered(file, things, DEFAULT, seed=3, trials=10, release=True)
+        entered(file, things, DEFAULT, release=True)
 
 
 @pytest.mark.parametrize(
     "content",
     [
-        '{"format": 1, "audits": [',
+        '{"format": 2, "audits": [',
         "",
         "[]",
-        '{"format": 2, "audits": []}',
-        '{"format": 1, "audits": [{"seed": 1}]}',
-        '{"format": 1, "audits": {}}',
+        '{"format": 1, "audits": []}',
+        '{"format": 2, "audits": [{"seed": 1}]}',
+        '{"format": 2, "audits": {}}',
         "\xff",
     ],
 )
@@ -292,7 +379,8 @@ print("ready", flush=True)
 sys.stdin.readline()
 for number in range(20):
     things = {"simulator": {"class": "s"}, "estimator": {"class": f"{sys.argv[2]}{number}"}}
-    entry = entered(Path(sys.argv[1]), things, policy, seed=number, trials=10, release=False)
+    things["trials"] = {"number": 10, "seed": number}
+    entry = entered(Path(sys.argv[1]), things, policy, release=False)
     entry.ended(10, "PASS")
 """
 

@@ -8,6 +8,7 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import gaugeblock as gb
@@ -143,6 +144,20 @@ def test_another_seed_or_policy_is_counted_anew_and_neither_is_forgotten(
     assert audited(forty, 80).verdict.looks.trials == (40, 80)
 
 
+def test_the_same_truths_under_another_policy_are_told(forty: Path) -> None:
+    loose = {"policy": {"tolerance": {"bias": 0.1000001}}}
+    other = audited(forty, 40, **loose)
+    assert (other.verdict.looks.number, other.verdict.looks.other_policies) == (1, 1)
+    assert "1 earlier audit of these truths under another policy." in of_looks(other.verdict)
+    assert not verify(forty).differences
+    third = audited(forty, 60, policy="strict").verdict
+    assert "2 earlier audits of these truths under other policies." in of_looks(third)
+    # Of other truths there was none, and what was said first stays.
+    assert audited(forty, 60, policy="strict", table={"block": 30}).verdict.looks.other_policies == 0
+    assert audited(forty, 40, **loose).verdict == other.verdict
+    assert audited(forty, 40).verdict.looks.other_policies == 0
+
+
 def test_a_verdict_from_before_looks_is_read_as_the_first(forty: Path) -> None:
     path = forty / "verdict.json"
     content = json.loads(path.read_text())
@@ -151,8 +166,10 @@ def test_a_verdict_from_before_looks_is_read_as_the_first(forty: Path) -> None:
     assert gb.judge(forty).verdict.looks.number == 1
 
 
-def test_a_damaged_record_is_refused(forty: Path) -> None:
-    (forty / "looks.json").write_text('{"a": {"trials": ["x"], "anew": false}}')
+@pytest.mark.parametrize("looks", ['["x"]', '[{"trials": "x"}]', '[{"number": 1}]', "1"])
+def test_a_damaged_record_is_refused(forty: Path, looks: str) -> None:
+    rest = '"anew": false, "other_policies": 0, "policy": "p", "truths": "t"'
+    (forty / "looks.json").write_text(f'{{"a": {{"looks": {looks}, {rest}}}}}')
     with pytest.raises(InputError, match=r"looks.json is damaged"):
         audited(forty, 60)
 
@@ -160,3 +177,73 @@ def test_a_damaged_record_is_refused(forty: Path) -> None:
 def test_looks_that_a_ledger_knows_count_in_another_folder(tmp_path: Path) -> None:
     audited(tmp_path / "a", 40, ledger=tmp_path / "own")
     assert audited(tmp_path / "b", 60, ledger=tmp_path / "own").verdict.looks.trials == (40, 60)
+
+
+def drawn(number: int, seed: int = 1) -> dict[str, Any]:
+    """Draws in hand, of which fewer are the first of more."""
+    theta, noise = np.random.default_rng(seed).normal(size=(2, 200))[:, :number]
+    more = np.random.default_rng(seed + 1).normal(size=(200, 20, 1))[:number]
+    x = theta + noise
+    return {"theta_true": theta[:, None], "draws": x[:, None, None] / 2 + 0.5**0.5 * more, "x": x[:, None]}
+
+
+def in_hand(out: Path | None, arrays: dict[str, Any], **options: Any) -> gb.Audit:
+    options = {"validators": ("sbc", "coverage"), "progress": False, **options}
+    return gb.audit_draws(**arrays, out=out, **options)
+
+
+def test_draws_in_hand_that_grow_share_their_error_rates(tmp_path: Path) -> None:
+    first = in_hand(tmp_path / "a", drawn(50))
+    written = (tmp_path / "a" / "verdict.json").read_bytes()
+    second = in_hand(tmp_path / "a", drawn(120))
+    third = in_hand(tmp_path / "a", drawn(200))
+    assert [one.verdict.looks.trials for one in (first, second, third)] == [
+        (50,), (50, 120), (50, 120, 200),
+    ]  # fmt: skip
+    assert "Look 3 at this audit, after 50 and 120 trials" in of_looks(third.verdict)
+    assert not verify(tmp_path / "a").differences
+    # As strict as the look of a simulated audit is.
+    alone = in_hand(tmp_path / "b", drawn(120))
+    name = next(name for name in second.gates if name.startswith("sbc.bias"))
+    wide, narrow = second[name].pass_interval, alone[name].pass_interval
+    assert wide[0] < narrow[0] < narrow[1] < wide[1]
+    # The first look again, and fewer than there were.
+    assert in_hand(tmp_path / "a", drawn(50)).verdict.looks.trials == (50,)
+    assert (tmp_path / "a" / "verdict.json").read_bytes() == written
+    assert in_hand(tmp_path / "a", drawn(80)).verdict.looks.trials == (50, 120, 200, 80)
+    # Without a folder nobody knows.
+    assert in_hand(None, drawn(120)).verdict.looks.trials == (120,)
+
+
+def test_a_file_of_draws_in_single_precision_is_the_same_look(tmp_path: Path) -> None:
+    arrays = {name: values.astype(np.float32) for name, values in drawn(50).items()}
+    in_hand(tmp_path / "a", arrays)
+    tree = gb.make_trials(arrays["theta_true"], arrays["draws"].astype(float), x=arrays["x"])
+    gb.write_trials(tree, tmp_path / "t.nc")
+    again = gb.audit_draws(tmp_path / "t.nc", out=tmp_path / "a", validators=("sbc",), progress=False)
+    assert again.verdict.looks.trials == (50,)
+
+
+def test_draws_that_were_exchanged_behind_the_first_ones_are_another_look(tmp_path: Path) -> None:
+    """As many as before, and not the same: whoever makes fresh ones until they pass has looked each time."""
+    in_hand(tmp_path / "a", drawn(50))
+    for number, name in ((2, "theta_true"), (3, "draws"), (4, "x")):
+        arrays = drawn(50)
+        arrays[name][30] += 0.1
+        result = in_hand(tmp_path / "a", arrays)
+        assert result.verdict.looks.trials == (50,) * number
+    assert in_hand(tmp_path / "a", drawn(50), seed=3).verdict.looks.number == 5
+    assert in_hand(tmp_path / "a", drawn(50)).verdict.looks.number == 1
+
+
+def test_draws_that_begin_otherwise_are_counted_anew_and_it_is_said(tmp_path: Path) -> None:
+    in_hand(tmp_path / "a", drawn(50))
+    narrow = drawn(50)
+    narrow["draws"] = narrow["draws"] / 2
+    for arrays in (drawn(120, seed=5), narrow, {**drawn(50), "policy": "strict"}):
+        other = in_hand(tmp_path / "a", arrays).verdict
+        assert (other.looks.number, other.looks.anew) == (1, True)
+        said = of_looks(other)
+        assert "at draws that do not begin as these do, or under another policy, are not counted" in said
+        assert ("2 earlier audits of these truths under other policies" in said) == ("policy" in arrays)
+    assert in_hand(tmp_path / "a", drawn(120)).verdict.looks.trials == (50, 120)

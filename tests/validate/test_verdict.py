@@ -63,16 +63,16 @@ def test_a_control_as_plain_data():
 def test_a_verdict_as_plain_data_and_in_a_line():
     gates = tuple(Gate(**GATE | {"outcome": outcome}) for outcome in (FAIL, PASS, PASS))
     verdict = Verdict(
-        outcome=FAIL, gates=gates, looks=Looks(trials=(5, 9), anew=True),
+        outcome=FAIL, gates=gates, looks=Looks(trials=(5, 9), anew=True, other_policies=3),
         not_checked=(NotChecked("x", "why"),), provenance={"p": 1},
         suggestions=(Suggestion("text", "toml"),), baseline={"b": 2}, diagnosis={"d": 3},
     )  # fmt: skip
     assert repr(verdict) == "Verdict(FAIL; gates: 2 PASS, 1 FAIL, 0 INCONCLUSIVE; 1 not checked)"
     assert verdict.to_json() == {
         "schema_version": 1, "verdict": "FAIL", "gates": [gate.to_json() for gate in gates],
-        "looks": {"number": 2, "trials": [5, 9], "anew": True},
+        "looks": {"number": 2, "trials": [5, 9], "anew": True, "other_policies": 3},
         "not_checked": [{"id": "x", "why": "why"}], "suggestions": [{"text": "text", "toml": "toml"}],
         "baseline": {"b": 2}, "diagnosis": {"d": 3}, "controls": [], "provenance": {"p": 1},
     }  # fmt: skip
     json.dumps(verdict.to_json(), allow_nan=False)
-    assert Looks().to_json() == {"number": 1, "trials": [], "anew": False}
+    assert Looks().to_json() == {"number": 1, "trials": [], "anew": False, "other_policies": 0}

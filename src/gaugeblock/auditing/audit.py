@@ -25,7 +25,7 @@ from gaugeblock.auditing.explain import explained
 from gaugeblock.auditing.identity import identity, versions
 from gaugeblock.auditing.kept_seed import kept_seed
 from gaugeblock.auditing.ledger import Entry, check_ledger, entered
-from gaugeblock.auditing.looks import earlier_trials, look_at, look_key, stored_looks
+from gaugeblock.auditing.looks import audit_look, draws_look, earlier_trials, look_at, stored_looks
 from gaugeblock.auditing.observation import fitting, read_observation, trials_around
 from gaugeblock.auditing.phases import end_phase, ended
 from gaugeblock.auditing.provenance import FORMAT, digests, finished_audit, named, title
@@ -152,7 +152,8 @@ def audit(
     check_validators(chosen or ())
     table = as_trials_table(trials, draws=draws, seed=seed)
     earlier = None if baseline is None else read_baseline(Path(baseline))
-    watching = anytime or table.anytime
+    if anytime:
+        table = table.model_copy(update={"anytime": True})
     observed = read_observation(table.observation if observation is None else observation)
     begin = _begun(
         estimator,
@@ -179,9 +180,9 @@ def audit(
             run.tell,
         )
         subjects, entry = run.subjects, run.entry
-        watch = Watch(rules, plan.seed) if watching else None
-        stopped: dict[str, Any] = {"anytime": True} if watching else {}
-        same = {**subjects, "trials": {**vars(plan), **stopped}}
+        watch = Watch(rules, plan.seed) if table.anytime else None
+        made = _trials_record(plan, table)
+        same = {**subjects, "trials": made}
         if observed is not None:
             fitting(simulated, observed.data, seed=plan.seed)
         known = earlier_trials(folder, same, *devices(estimating))
@@ -205,17 +206,21 @@ def audit(
             add_group(tree, POSTERIOR, around)
             tell("around the observation", 1, 1)
         number = tree.sizes["trial"]
-        if watching:
-            stopped["used"] = number
-        key = look_key(same, rules, seed=None if run.drawn else plan.seed)
-        looked = () if entry is None else [look["trials"] for look in entry.line["looks"]]
+        if watch is not None:
+            made["used"] = number
+        look = audit_look(same, rules, number, seed=None if run.drawn else plan.seed)
+        elsewhere: dict[str, Any] = {}
+        if entry is not None:
+            # What is watched may stop anywhere, and spends nothing for looks.
+            elsewhere["known"] = entry.looked_at if watch is None else ()
+            elsewhere["other_policies"] = entry.record["same_truths_other_policies"]
         provenance: dict[str, Any] = {
             "command": command,
             "seed": plan.seed,
             **subjects,
             "ledger": None if entry is None else entry.record,
             **({} if run.commitment is None else {"commitment": run.commitment}),
-            "trials": {**vars(plan), **stopped},
+            "trials": made,
             "processors": made_on,
             "equal_bits": len(made_on) == 1,
         }
@@ -237,11 +242,11 @@ def audit(
             tree,
             rules,
             seed=plan.seed,
-            validators=watched(chosen) if watching else chosen,
+            validators=chosen if watch is None else watched(chosen),
             provenance=provenance,
             out=None if out is None else folder,
             earlier=earlier,
-            looks=look_at(None if out is None else folder, key, number, known=looked),
+            looks=look_at(None if out is None else folder, look, **elsewhere),
             resources=resources,
             progress=tell,
             estimator=estimating,
@@ -437,9 +442,8 @@ def _begun(
         check_fresh(estimating, plan.seed)
         entry = None
         if ledger is not None:
-            entry = entered(
-                Path(ledger), subjects, rules, seed=plan.seed, trials=plan.number, release=release
-            )
+            about = {**subjects, "trials": _trials_record(plan, table)}
+            entry = entered(Path(ledger), about, rules, release=release)
             plan = replace(plan, seed=entry.seed)
         yield _Run(
             simulator=simulated,
@@ -452,6 +456,11 @@ def _begun(
             folder=folder,
             tell=tell,
         )
+
+
+def _trials_record(plan: Plan, table: TrialsTable) -> dict[str, Any]:
+    """How trials are made, for provenance, and for the records of looks."""
+    return {**vars(plan), **({"anytime": True} if table.anytime else {})}
 
 
 def audit_draws(
@@ -519,7 +528,7 @@ def audit_draws(
             provenance={"command": command, "seed": seed, "trials": record, "trust": DRAWS},
             out=folder,
             earlier=earlier,
-            looks=Looks(trials=(tree.sizes["trial"],)),
+            looks=look_at(folder, draws_look(tree, rules, seed=seed)),
             progress=tell,
         )
 

@@ -2,7 +2,8 @@
 
 Whoever trains until an audit passes has looked as often as there were trainings. The ledger counts them, of
 one simulator under one policy; tells truths that were used before; and draws the seeds of release audits,
-which no training was chosen by. It is written whole, by one process at a time, and never where it is damaged.
+which no training was chosen by. Whatever decides which trials are made stands in it: other ones are another
+audit. It is written whole, by one process at a time, and never where it is damaged.
 """
 
 from __future__ import annotations
@@ -19,17 +20,17 @@ from typing import Any
 
 from gaugeblock.auditing.identity import lasting
 from gaugeblock.auditing.kept_seed import BITS
-from gaugeblock.auditing.provenance import digests, title
+from gaugeblock.auditing.provenance import digests, settings, title
 from gaugeblock.core.atomic import write_atomically
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.foreign import RECORD, read_bytes
 from gaugeblock.reports.machine import plain
 from gaugeblock.validate.policy import Policy
 
-FORMAT = 1
+FORMAT = 2
 KEYS = {
     **{"title": str, "simulator": str, "policy": str, "estimator": str},
-    **{"seed": int, "release": bool, "looks": list},
+    **{"seed": int, "trials": dict, "release": bool, "looks": list},
 }
 # Seconds: an audit holds the lock only while it reads and writes this small file.
 PATIENCE = 30.0
@@ -44,6 +45,11 @@ class Entry:
     path: Path
     line: Mapping[str, Any]
     record: Mapping[str, Any]
+
+    @property
+    def looked_at(self) -> list[int]:
+        """Trials at each look at this audit so far, this one's among them."""
+        return [look["trials"] for look in self.line["looks"]]
 
     @property
     def seed(self) -> int:
@@ -88,24 +94,25 @@ def entered(
     provenance: Mapping[str, Any],
     policy: Policy,
     *,
-    seed: int,
-    trials: int,
     release: bool,
 ) -> Entry:
-    """Enter an audit that is about to begin; the same estimator with the same seed is the same audit again.
+    """Enter an audit that is about to begin; the same estimator on the same trials is the same audit again.
 
-    `provenance` says what simulator and estimator are. A `release` gets a seed of the operating system's
-    entropy that the ledger has not seen, once for an estimator on a simulator: interrupted, enlarged or
-    judged by another policy, it goes on with the truths that it has.
+    `provenance` says what simulator and estimator are, and how the `trials` are made. A `release` gets a seed
+    of the operating system's entropy that the ledger has not seen, once for an estimator on a simulator:
+    interrupted, enlarged or judged by another policy, it goes on with the truths that it has.
 
     Raises
     ------
     InputError
-        If the ledger is damaged, locked, or cannot be written; or an estimator that cannot be told from
-        another is to be released.
+        If the ledger is damaged, locked, or cannot be written; or an estimator is to be released that cannot
+        be told from another, or whose release audit was begun on other trials.
     """
     record = plain({**provenance, "policy": policy.model_dump(mode="json")})
+    made = settings(record["trials"])
     own: Line = {"title": title(record), **digests(record), "release": release}
+    own |= {"seed": made.pop("seed"), "trials": made}
+    number = record["trials"]["number"]
     if not lasting(record["estimator"]):
         if release:
             raise InputError(
@@ -117,34 +124,54 @@ def entered(
     with _locked(path):
         lines = _read(path)
         kin = [line for line in lines if line["simulator"] == own["simulator"]]
-        own["seed"] = _release_seed(own, kin, lines) if release else seed
+        if release:
+            own["seed"] = _release_seed(path, own, kin, lines)
         mine = next((line for line in lines if _same(line, own)), None)
         if mine is None:
             mine = {**own, "looks": []}
             lines.append(mine)
-        if trials not in [look["trials"] for look in mine["looks"]]:
-            mine["looks"].append({"trials": trials, "outcome": None})
+        if number not in [look["trials"] for look in mine["looks"]]:
+            mine["looks"].append({"trials": number, "outcome": None})
         _write(path, lines)
     return Entry(path=path, line=mine, record=_record(mine, lines))
 
 
-def _release_seed(own: Line, kin: list[Line], lines: list[Line]) -> int:
+def _release_seed(path: Path, own: Line, kin: list[Line], lines: list[Line]) -> int:
     """The seed of this estimator's release audit: the one that was drawn already, or a new one."""
-    drawn = [line["seed"] for line in kin if line["release"] and line["estimator"] == own["estimator"]]
+    for line in kin:
+        if line["release"] and line["estimator"] == own["estimator"]:
+            _refuse_others(path, line["trials"], own["trials"])
+            return int(line["seed"])
     seen = {line["seed"] for line in lines}
-    while not drawn:
-        drawn = [seed for seed in (secrets.randbits(BITS),) if seed not in seen]
-    return int(drawn[0])
+    while (seed := secrets.randbits(BITS)) in seen:
+        pass
+    return seed
+
+
+def _refuse_others(path: Path, begun: Mapping[str, Any], asked: Mapping[str, Any]) -> None:
+    """Trials made otherwise would be fresh truths for an estimator that was released already."""
+    other = [
+        f"{name} {begun.get(name, 'not set')} there, {asked.get(name, 'not set')} here"
+        for name in {**begun, **asked}
+        if begun.get(name) != asked.get(name)
+    ]
+    if other:
+        raise InputError(
+            f"{path}: the release audit of this estimator was begun on trials made otherwise "
+            f"({', '.join(other)}); go on with those, other ones would be another chance to pass"
+        )
 
 
 def _record(mine: Line, lines: list[Line]) -> dict[str, Any]:
     """What came before an audit, for provenance: it stays as it is, however many come after."""
     kin = [line for line in lines if line["simulator"] == mine["simulator"]]
-    before = [line for line in kin[: kin.index(mine)] if line["policy"] == mine["policy"]]
+    earlier = kin[: kin.index(mine)]
+    before = [line for line in earlier if line["policy"] == mine["policy"]]
+    others = [line for line in earlier if line["policy"] != mine["policy"]]
     # Of the truths, whatever the policy was: until this estimator first met them.
     judged = []
     for line in kin:
-        if line["seed"] == mine["seed"]:
+        if _truths(line) == _truths(mine):
             if line["estimator"] == mine["estimator"]:
                 break
             judged.append(line["estimator"])
@@ -155,11 +182,18 @@ def _record(mine: Line, lines: list[Line]) -> dict[str, Any]:
         "releases": sum(line["release"] for line in before),
         "same_truths": len(set(judged)),
         "policy": mine["policy"],
+        "other_policies": len(others),
+        "same_truths_other_policies": sum(_truths(line) == _truths(mine) for line in others),
     }
 
 
+def _truths(line: Line) -> tuple[int, Any]:
+    """What decides the truths, of one simulator: draws, however many, are of the same ones."""
+    return line["seed"], line["trials"].get("block")
+
+
 def _same(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
-    return all(one[name] == other[name] for name in ("simulator", "policy", "estimator", "seed", "release"))
+    return all(one[name] == other[name] for name in set(KEYS) - {"title", "looks"})
 
 
 @contextmanager

@@ -1,20 +1,24 @@
 """Looks at an audit, as its folder and a ledger know them: what was judged before, and which trials are kept.
 
 The record is `looks.json` beside the verdict: the trials at each look, by a key of all that makes two audits
-one (simulator, estimator, policy, seed, draws). Judging as many trials as before is the same look again.
+one: simulator, estimator, policy and how trials are made; of draws in hand, which say nothing of these, the
+first ten trials. Judging the same trials as before is the same look again.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import xarray as xr
 
 from gaugeblock.auditing.identity import lasting, versions
-from gaugeblock.auditing.provenance import FORMAT, finished_audit, intrinsic
+from gaugeblock.auditing.provenance import FORMAT, finished_audit, intrinsic, settings
 from gaugeblock.core.atomic import discard_unfinished, write_atomically
 from gaugeblock.core.digest import digest, file_digest
 from gaugeblock.core.errors import InputError
@@ -23,51 +27,121 @@ from gaugeblock.core.processors import processor
 from gaugeblock.reports.machine import plain
 from gaugeblock.validate.looks import Looks
 from gaugeblock.validate.policy import Policy
-from gaugeblock.validate.trials import read_trials
+from gaugeblock.validate.storage import block_length
+from gaugeblock.validate.trials import GROUPS, group_trials, main_trials, read_trials
 
 RECORD = "looks.json"
-# What of a plan may be otherwise at the next look.
-ENLARGED = ("number", "importance_number", "joint_number", "used")
+KEPT = {"looks": list, "truths": str, "policy": str, "anew": bool, "other_policies": int}
+# Trials that make draws in hand known again: an audit has no fewer.
+FIRST = 10
 
 
-def look_key(record: Mapping[str, Any], policy: Policy, *, seed: int | None) -> str:
-    """Key of an audit whose looks are counted together; a `seed` that nobody chose is None."""
-    content = {
-        **_same(record),
-        "trials": {**_same(record)["trials"], "seed": seed},
-        "policy": policy.model_dump(mode="json"),
-    }
-    return digest(plain(content))
+@dataclass(frozen=True, kw_only=True)
+class Look:
+    """One look: digests of what is looked at, of its truths and its policy, and at which trials.
+
+    `audit` is of estimator, simulator and how trials are made, or of the first draws.
+    """
+
+    audit: str
+    truths: str
+    policy: str
+    at: Mapping[str, Any]
+
+    @property
+    def key(self) -> str:
+        """Of the audit whose looks are counted together."""
+        return digest([self.audit, self.policy])
+
+
+def audit_look(record: Mapping[str, Any], policy: Policy, number: int, *, seed: int | None) -> Look:
+    """A look at an audit of a simulator, after `number` trials; a `seed` that nobody chose is None."""
+    same = _same(record)
+    made = same["trials"]
+    return Look(
+        audit=digest(plain({**same, "trials": {**made, "seed": seed}})),
+        truths=digest(plain([same["simulator"], made["seed"], made["block"]])),
+        policy=_of_policy(policy),
+        at={"trials": number},
+    )
+
+
+def draws_look(tree: xr.DataTree, policy: Policy, *, seed: int) -> Look:
+    """A look at draws in hand: whatever begins with the same truths and draws is the same audit.
+
+    The same look again it is only of the same arrays with the same `seed` of the statistics: trials that were
+    exchanged behind the first ones are looked at anew.
+    """
+    main = main_trials(tree)
+    first = main.isel(trial=slice(FIRST))
+    groups = [main, *filter(None, (group_trials(tree, name) for name in GROUPS))]
+    return Look(
+        audit=_arrays_digest(first[["theta_true", "draws"]]),
+        truths=_arrays_digest(first[["theta_true"]]),
+        policy=_of_policy(policy),
+        at={"trials": main.sizes["trial"], "sha256": digest([seed, *map(_arrays_digest, groups)])},
+    )
+
+
+def _of_policy(policy: Policy) -> str:
+    return digest(plain(policy.model_dump(mode="json")))
+
+
+def _arrays_digest(trials: xr.Dataset) -> str:
+    """SHA-256 of all arrays of Trials, as the numbers that they are, in whatever precision they are kept."""
+    found, number = hashlib.sha256(), trials.sizes["trial"]
+    for name in sorted(map(str, trials.data_vars)):
+        array = trials[name]
+        found.update(f"{name} {array.shape}".encode())
+        length = block_length(array.size // number) if "trial" in array.dims else number
+        for start in range(0, number, length):
+            part = array.isel(trial=slice(start, start + length), missing_dims="ignore").values
+            numeric = np.issubdtype(part.dtype, np.number)
+            found.update(part.astype(float).tobytes() if numeric else digest(part.tolist()).encode())
+    return found.hexdigest()
 
 
 def _same(record: Mapping[str, Any]) -> dict[str, Any]:
     """What of a record stays as it is when an audit is enlarged."""
-    trials = {key: value for key, value in record["trials"].items() if key not in ENLARGED}
     return {
         "simulator": intrinsic(record["simulator"]),
         "estimator": intrinsic(record["estimator"]),
-        "trials": trials,
+        "trials": settings(record["trials"]),
     }
 
 
-def look_at(folder: Path | None, key: str, number: int, *, known: Iterable[int] = ()) -> Looks:
-    """This look at `number` trials, after those in the folder, which records it, and those `known` elsewhere.
+def look_at(folder: Path | None, look: Look, *, known: Iterable[int] = (), other_policies: int = 0) -> Looks:
+    """This look, after those in the folder, which records it, and those at `known` trials elsewhere.
+
+    `other_policies` is how often these truths were judged under another policy, as far as is known elsewhere.
 
     Raises
     ------
     InputError
         If the record is damaged, or cannot be written.
     """
-    looks = {} if folder is None else _read(folder / RECORD)
-    found = looks.get(key, {"trials": [], "anew": bool(looks)})
-    trials = list(dict.fromkeys([*known, *found["trials"], number]))
-    if folder is not None and trials != found["trials"]:
-        content = {**looks, key: {**found, "trials": trials}}
+    audits = {} if folder is None else _read(folder / RECORD)
+    found = audits.get(look.key) or {
+        "looks": [],
+        "truths": look.truths,
+        "policy": look.policy,
+        "anew": bool(audits),
+        "other_policies": sum(
+            one["truths"] == look.truths and one["policy"] != look.policy for one in audits.values()
+        ),
+    }
+    looks: list[Mapping[str, Any]] = []
+    for one in (*({"trials": number} for number in known), *found["looks"], look.at):
+        if one not in looks:
+            looks.append(one)
+    if folder is not None and looks != found["looks"]:
+        content = {**audits, look.key: {**found, "looks": looks}}
         write_atomically(folder / RECORD, json.dumps(content, indent=2, sort_keys=True) + "\n")
         discard_unfinished(folder, (RECORD,))
     return Looks(
-        trials=tuple(trials[: trials.index(number) + 1]),
+        trials=tuple(one["trials"] for one in looks[: looks.index(look.at) + 1]),
         anew=found["anew"],
+        other_policies=max(found["other_policies"], other_policies),
     )
 
 
@@ -77,7 +151,8 @@ def stored_looks(verdict: Mapping[str, Any]) -> Looks:
     try:
         table = dict(stated or {})
         table.pop("number", None)
-        return Looks(**{**table, "trials": tuple(int(number) for number in table.get("trials", ()))})
+        trials = tuple(int(number) for number in table.get("trials", ()))
+        return Looks(**{**table, "trials": trials, "other_policies": int(table.get("other_policies", 0))})
     except (TypeError, ValueError):
         raise InputError(f"verdict.json: looks is {stated!r}; it must be as the audit wrote it") from None
 
@@ -103,12 +178,14 @@ def earlier_trials(folder: Path, record: Mapping[str, Any], *flows: str) -> xr.D
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        looks = read_json(path) if path.exists() else {}
-        for found in looks.values():
-            if set(found) != {"trials", "anew"} or not all(type(number) is int for number in found["trials"]):
+        audits = read_json(path) if path.exists() else {}
+        for found in audits.values():
+            if {name: type(value) for name, value in found.items()} != KEPT:
                 raise ValueError
-        return dict(looks)
-    except (ValueError, AttributeError, TypeError):
+            if not all(type(look["trials"]) is int for look in found["looks"]):
+                raise ValueError
+        return dict(audits)
+    except (ValueError, AttributeError, TypeError, KeyError):
         raise InputError(
             f"{path} is damaged, so that earlier looks at this audit cannot be counted; "
             "give another folder with --out, and fresh trials with --seed"

@@ -14,6 +14,8 @@ from gaugeblock.core.foreign import read_json
 # Of the folders that audits write; 1 was gaugeblock 0.1.0's, which drew other random numbers.
 FORMAT = 2
 DIGESTED = ("simulator", "estimator", "policy")
+# What of a plan may be otherwise at the next look at an audit: more trials begin with those that there are.
+ENLARGED = ("number", "importance_number", "joint_number", "used")
 
 
 def named(choice: object) -> dict[str, Any]:
@@ -52,6 +54,17 @@ def _subject(choice: Mapping[str, Any]) -> str:
 def intrinsic(record: Mapping[str, Any]) -> dict[str, Any]:
     """What a thing is, without how it was asked for: the same model has one digest wherever it lies."""
     return {key: value for key, value in record.items() if key not in ("name", "options")}
+
+
+def settings(trials: Mapping[str, Any]) -> dict[str, Any]:
+    """What of an audit's trials decides which truths and draws are made, its seed among it.
+
+    Another one makes another audit of the same estimator: enlarged, an audit keeps all of it.
+
+    >>> settings({"number": 4000, "block": 200, "seed": 1, "joint_number": 1000})
+    {'block': 200, 'seed': 1}
+    """
+    return {key: value for key, value in trials.items() if key not in ENLARGED}
 
 
 def digests(record: Mapping[str, Any]) -> dict[str, str]:

@@ -154,8 +154,9 @@ def audit(
 
     if trials is not None and (ledger is not None or release):
         raise GaugeblockError(
-            "a ledger counts audits of estimators, and draws from disk do not say whose they are: "
-            "leave out --ledger and --release, or --trials"
+            "a ledger counts audits of estimators, and draws from disk say neither whose they are nor how "
+            "often truths were drawn for them: leave out --ledger and --release (the folder of --out counts "
+            "looks at draws that grow), or --trials"
         )
     changes = stranger_settings(
         path=estimator,
