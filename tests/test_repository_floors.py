@@ -60,8 +60,8 @@ INSIDE = {
     "estimators": (("protocol", "_rows"), ("registry", "broken")),
     "validate": (
         (
-            *("trials", "check", "storage", "features", "prepared", "p_values"),
-            *("autocorrelation", "ranks", "standardised", "quantiles", "contributions"),
+            *("named_data", "trials", "check", "storage", "features", "prepared", "p_values"),
+            *("autocorrelation", "repeats", "ranks", "standardised", "quantiles", "contributions"),
             *("finding", "findings_file", "levels", "policy", "looks", "family", "verdict", "messages"),
         ),
         ("validators", "judging"),

@@ -57,6 +57,7 @@ def check_trials(dataset: xr.Dataset, *, source: str, parameters: Sequence[str] 
         if "trial" not in x.dims:
             raise InputError(f"{source}: x has the axes ({_list(x.dims)}); one of them must be trial")
         checked["x"] = x.transpose("trial", ...)
+        _printable((label for dim in x.dims if dim in x.coords for label in x[dim].values), source=source)
         _numeric(checked["x"], source=source)
     _sizes(checked, source=source)
     _names(checked, source=source, parameters=parameters)

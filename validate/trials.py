@@ -1,7 +1,8 @@
 """Trials: simulated truths, their data and an estimator's draws, as one Dataset that any tool can write.
 
 Schema (dims ``trial, draw, parameter``): ``theta_true(trial, parameter)`` and ``draws(trial, draw,
-parameter)``, with parameter names as coordinate; optional ``x(trial, ...)``, ``log_q``, ``log_likelihood``,
+parameter)``, with parameter names as coordinate; optional ``x(trial, ...)``, with coordinates that say what
+its values are called, ``log_q``, ``log_likelihood``,
 ``log_prior``, ``weight`` ``(trial, draw)``, and ``log_q_true``, ``log_likelihood_true``, ``log_prior_true``
 ``(trial,)``. Natural logs, normalised, in physical theta; weights linear.
 
@@ -30,6 +31,7 @@ from numpy.typing import ArrayLike
 from gaugeblock.core.arrays import numbers
 from gaugeblock.core.errors import InputError
 from gaugeblock.validate.check import PER_DRAW, check_trials
+from gaugeblock.validate.named_data import named_data
 from gaugeblock.validate.storage import SCHEMA_VERSION, in_parts, open_groups, write_groups
 
 IMPORTANCE = "importance"
@@ -43,7 +45,7 @@ def make_trials(
     draws: ArrayLike,
     parameters: Sequence[str] | None = None,
     *,
-    x: ArrayLike | None = None,
+    x: Any = None,
     log_q: ArrayLike | None = None,
     log_likelihood: ArrayLike | None = None,
     log_prior: ArrayLike | None = None,
@@ -61,7 +63,7 @@ def make_trials(
     """Trials from plain arrays: truths ``(trial, parameter)`` and draws ``(trial, draw, parameter)``.
 
     Of one parameter the last axis may lack in both. `parameters` are their names; theta_1, theta_2 and so on
-    if not given.
+    if not given. Data `x` ``(trial, ...)`` keep the names of their values (`named_data`).
 
     Raises
     ------
@@ -89,10 +91,11 @@ def make_trials(
         if values is not None:
             axes = ("trial", "draw") if name in PER_DRAW else ("trial",)
             _put(data, name, numbers(values, what=name), axes)
+    coords: dict[str, Any] = {}
     if x is not None:
-        observed = numbers(x, what="x")
-        inner = ("channel",) if observed.ndim == 2 else tuple(f"x_{i}" for i in range(observed.ndim - 1))
-        _put(data, "x", observed, ("trial", *inner))
+        observed = named_data(x)
+        _put(data, "x", observed.values, ("trial", *map(str, observed.dims[1:])))
+        coords |= {str(axis): labels.values for axis, labels in observed.coords.items()}
     if parameters is None:
         parameters = [f"theta_{i + 1}" for i in range(theta.shape[1])]
     names = [str(name) for name in parameters]
@@ -107,7 +110,7 @@ def make_trials(
         attributes["autocorrelated"] = 1
     try:
         dataset = xr.Dataset(
-            data, coords={"trial": np.arange(theta.shape[0]), "parameter": names}, attrs=attributes
+            data, coords={"trial": np.arange(theta.shape[0]), "parameter": names, **coords}, attrs=attributes
         )
     except ValueError as error:
         reason = " ".join(str(error).split()) + _meant(theta, sampled)

@@ -29,12 +29,12 @@ from gaugeblock.core.streams import generator
 from gaugeblock.validate.controls.control_trials import blurred, control_trials, displaced
 from gaugeblock.validate.finding import Finding, NotChecked, PValueFinding, QuantileFinding
 from gaugeblock.validate.learned.informed.challenger import Known
-from gaugeblock.validate.learned.informed.data import data_of
+from gaugeblock.validate.learned.informed.data import data_of, feature_names
 from gaugeblock.validate.learned.informed.informed import WITHOUT_DATA
 from gaugeblock.validate.learned.informed.learning import learn
 from gaugeblock.validate.learned.informed.pools import pools_of
 from gaugeblock.validate.learned.learned import LEAST_TRIALS as LEAST_TAUGHT
-from gaugeblock.validate.local.declared import in_terms_of_x, location
+from gaugeblock.validate.local.declared import location
 from gaugeblock.validate.local.local import regional
 from gaugeblock.validate.marginal.half_widths import bias_finding, half_widths, log_width_finding
 from gaugeblock.validate.prepared import Prepared, effective_draws, pit
@@ -130,7 +130,7 @@ def region_of(prepared: Prepared) -> tuple[str, NDArray[np.bool_]]:
         high, low = np.quantile(column, [1 - 1 / SHARE, 1 / SHARE])
         for sign, edge, member in (("least", high, column >= high), ("most", low, column <= low)):
             if eighth / 2 <= member.sum() <= 2 * eighth:
-                told = in_terms_of_x(prepared, name, column, order)
+                told = prepared.once(feature_names).get(name, name)
                 return f"{told} is at {sign} {edge:.3g}", np.asarray(member)
     # Ties leave no such end: the first trials by their number.
     return f"the trial is one of the first {eighth:.0f}", np.argsort(order) < eighth

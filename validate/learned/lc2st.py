@@ -7,6 +7,8 @@ of the data's features; gaps count as in a twentieth of the trials. For observat
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
@@ -17,6 +19,7 @@ from gaugeblock.validate.features import TrialFeatures
 from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked
 from gaugeblock.validate.learned.c2st import spread_out
 from gaugeblock.validate.learned.expected import STAGES
+from gaugeblock.validate.learned.informed.data import feature_names
 from gaugeblock.validate.learned.learned import LEAST_TRIALS, learned_from
 from gaugeblock.validate.local.regions import LEAST, Regions, as_in_a_twentieth, quantile_regions
 from gaugeblock.validate.marginal.coverage import steadied_error
@@ -47,7 +50,10 @@ def lc2st(prepared: Prepared) -> list[Finding | NotChecked]:
         why = f"{n} trial(s) with finite draws; regions of the data need at least {least}"
         return [NotChecked("lc2st.local", why)]
     ranks = prepared.once(learned_from)
-    regions = feature_regions(prepared.features, ranks.row)
+    called = prepared.once(feature_names)
+    regions = [
+        replace(found, name=called[found.name]) for found in feature_regions(prepared.features, ranks.row)
+    ]
     if not regions:
         return [NotChecked("lc2st.local", "no feature of the data differs enough between trials for regions")]
     finding = local_finding(

@@ -21,7 +21,7 @@ from gaugeblock.validate.learned.informed.data import (
     channel_names,
     correlation,
     data_of,
-    mostly,
+    feature_names,
 )
 from gaugeblock.validate.learned.informed.ridge import fit_ridge
 from gaugeblock.validate.prepared import Prepared, TrialBlock
@@ -69,14 +69,14 @@ def declared_features(prepared: Prepared, taught: Rows) -> Declared:
     names = [f"the posterior of {name}" for name in prepared.parameters]
     left_out = []
     if prepared.features is not None:
-        seen = _channels(prepared, taught)
+        seen, called = _channels(prepared, taught), prepared.once(feature_names)
         for name in prepared.features.names:
             column = prepared.features.column(name)
             if not np.isfinite(column).all():
                 left_out.append(f"{name}: NaN or infinite values; no regions of it")
                 continue
             parts.append(column[:, None])
-            names.append(_named(prepared, name, column, seen))
+            names.append(called[name])
         parts.append(seen.values)
         names += seen.names
     if "x" in prepared.main:
@@ -95,7 +95,7 @@ def _channels(prepared: Prepared, taught: Rows) -> Declared:
     if "x" not in prepared.main:
         return Declared((), np.empty((len(prepared.trial), 0)), ())
     values = prepared.once(all_channels)
-    names = np.array(channel_names(prepared.main["x"].shape[1:]))
+    names = np.array(channel_names(prepared.main["x"]))
     if values.shape[1] > SPLIT_CHANNELS:
         rank = prepared.pit[taught] - 0.5
         told = np.concatenate([rank, np.abs(rank), prepared.theta_true[taught]], axis=1)
@@ -106,15 +106,6 @@ def _channels(prepared: Prepared, taught: Rows) -> Declared:
     if values.shape[1] == 1:  # it is the total
         return Declared((), np.empty((len(values), 0)), ())
     return Declared(tuple(names.tolist()), values, ())
-
-
-def in_terms_of_x(prepared: Prepared, name: str, column: Array, taught: Rows) -> str:
-    """The name of a feature `column` ``(trial,)``; a principal component names its main channel."""
-    return _named(prepared, name, column, _channels(prepared, taught))
-
-
-def _named(prepared: Prepared, name: str, column: Array, seen: Declared) -> str:
-    return mostly(name, column, seen.names, seen.values) if name in prepared.fitted_features else name
 
 
 def _expected(prepared: Prepared, taught: Rows) -> tuple[Array, list[str]]:

@@ -117,8 +117,8 @@ def test_variables_put_side_by_side():
 
 def test_data_by_name_or_as_they_are():
     assert data_of(None, {"y": 1}, source="here") is None
-    assert data_of([[1], [2]], 3, source="here").tolist() == [[1.0], [2.0]]
-    assert data_of("y", {"y": [1, 2]}, source="here").tolist() == [1.0, 2.0]
+    assert data_of([[1], [2]], 3, source="here").values.tolist() == [[1], [2]]
+    assert data_of("y", {"y": [1, 2]}, source="here").values.tolist() == [1, 2]
     assert said(data_of, "z", {"y": 1, "t": 2}, source="here") == (
         "here: no data 'z' among the simulations (there are y, t)"
     )

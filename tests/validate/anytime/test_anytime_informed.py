@@ -184,7 +184,7 @@ def test_data_have_the_units_of_the_trials_that_taught():
     rng = np.random.default_rng(9)
     values = np.column_stack([rng.normal(3, 2, 60), np.r_[np.ones(40), np.zeros(20)], rng.normal(size=60)])
     own = rng.normal(size=(60, 1))
-    found = make_data(values, own, shape=(3,), names=["mood"], taught=40)
+    found = make_data(values, own, channels=["x[0]", "x[1]", "x[2]"], names=["mood"], taught=40)
     assert (found.names, found.channels) == (("x[0]", "x[2]", "mood"), 2)
     first = values[:40, [0, 2]]
     np.testing.assert_allclose(
@@ -192,7 +192,8 @@ def test_data_have_the_units_of_the_trials_that_taught():
     )
     below = (own[:40, 0][None] < own).sum(axis=1) + (own[:40, 0][None] <= own).sum(axis=1)
     np.testing.assert_allclose(found.values[:, 2], stats.norm.ppf((below / 2 + 0.5) / 41))
-    counts = make_data(np.abs(values[:, :1]), np.empty((60, 0)), shape=(1,), names=[], taught=40).values[:, 0]
+    counts = make_data(np.abs(values[:, :1]), np.empty((60, 0)), channels=["x[0]"], names=[], taught=40)
+    counts = counts.values[:, 0]
     root = np.sqrt(np.abs(values[:, 0]))
     np.testing.assert_allclose(counts, (root - root[:40].mean()) / root[:40].std())
 

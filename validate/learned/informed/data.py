@@ -6,11 +6,13 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+import xarray as xr
 from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.validate.features import TrialFeatures, group_starts
 from gaugeblock.validate.learned.discriminant import normal_scores
+from gaugeblock.validate.named_data import value_name
 from gaugeblock.validate.prepared import Prepared, TrialBlock
 
 INPUTS = 256
@@ -60,27 +62,29 @@ def data_of(prepared: Prepared, rows: NDArray[np.int64], *, taught: int | None =
     features = prepared.features or TrialFeatures((), np.empty((len(prepared.trial), 0)))
     left_out = [] if taught is None else prepared.fitted_features
     known = np.isfinite(features.values[rows[:taught]]).all(axis=0) & ~np.isin(features.names, left_out)
-    named = [name for name, kept in zip(features.names, known.tolist(), strict=True) if kept]
-    shape = prepared.main["x"].shape[1:] if "x" in prepared.main else (0,)
-    made = make_data(found, features.values[rows][:, known], shape=shape, names=named, taught=taught)
-    names, seen = made.names[: made.channels], made.values[:, : made.channels]
-    further = zip(made.names[made.channels :], made.values[:, made.channels :].T, strict=True)
-    fitted = prepared.fitted_features
-    called = [mostly(each, column, names, seen) if each in fitted else each for each, column in further]
-    return made._replace(names=(*names, *called))
+    called = prepared.once(feature_names)
+    named = [called[name] for name, kept in zip(features.names, known.tolist(), strict=True) if kept]
+    own = channel_names(prepared.main["x"]) if "x" in prepared.main else []
+    return make_data(found, features.values[rows][:, known], channels=own, names=named, taught=taught)
 
 
 def make_data(
-    values: Array, features: Array, *, shape: tuple[int, ...], names: list[str], taught: int | None = None
+    values: Array,
+    features: Array,
+    *,
+    channels: Sequence[str],
+    names: Sequence[str],
+    taught: int | None = None,
 ) -> Data:
-    """Data from sums of neighbouring values ``(trial, channel)`` of x of some `shape`, and named features.
+    """Data from sums of neighbouring values ``(trial, channel)`` of x, and named features.
 
-    >>> make_data(np.array([[1.0, 7.0], [3.0, 7.0]]), np.empty((2, 0)), shape=(2,), names=[]).names
+    >>> values = np.array([[1.0, 7.0], [3.0, 7.0]])
+    >>> make_data(values, np.empty((2, 0)), channels=["x[0]", "x[1]"], names=[]).names
     ('x[0]',)
     """
     varies = np.ptp(values[:taught], axis=0) > 0 if len(values) else np.zeros(values.shape[1], dtype=bool)
     kept = values[:, varies]
-    called = [name for name, known in zip(channel_names(shape), varies, strict=True) if known]
+    called = [name for name, known in zip(channels, varies, strict=True) if known]
     if (values[:taught] >= 0).all():
         kept = np.sqrt(np.maximum(kept, 0))
     own = kept[:taught]
@@ -92,16 +96,17 @@ def make_data(
     return Data(values, standard.shape[1], (*called, *names))
 
 
-def mostly(name: str, column: Array, channels: Sequence[str], values: Array) -> str:
-    """Name of a principal component ``(n,)``, with which of the channels ``(n, channel)`` it goes most.
-
-    >>> values = np.random.default_rng(0).normal(size=(9, 2))
-    >>> mostly("component 1", values[:, 1], ("x[0]", "x[1]"), values)
-    'component 1 (most of it x[1])'
-    """
-    if not channels:
-        return name
-    return f"{name} (most of it {channels[int(correlation(column[:, None], values)[0].argmax())]})"
+def feature_names(prepared: Prepared) -> dict[str, str]:
+    """What messages call each feature: a principal component with the channel it goes most with."""
+    features, fitted = prepared.features, prepared.fitted_features
+    called = {} if features is None else {name: name for name in features.names}
+    if features is not None and fitted:
+        channels = channel_names(prepared.main["x"])
+        components = np.stack([features.column(name) for name in fitted], axis=1)
+        for name, alike in zip(fitted, correlation(components, prepared.once(all_channels)), strict=True):
+            if alike.any():
+                called[name] = f"{name} (most of it {channels[int(alike.argmax())]})"
+    return called
 
 
 def correlation(one: Array, other: Array) -> Array:
@@ -111,21 +116,16 @@ def correlation(one: Array, other: Array) -> Array:
     return np.asarray(np.abs(first.T @ second) / np.where(scale > 0, scale, np.inf))
 
 
-def channel_names(shape: tuple[int, ...]) -> list[str]:
-    """What each channel is in the data's own terms.
+def channel_names(x: xr.DataArray) -> list[str]:
+    """What each channel of data ``(trial, ...)`` is in the data's own terms.
 
-    >>> channel_names((2, 2))[2], channel_names((512,))[1]
-    ('x[1, 0]', 'x[2] to x[3]')
+    >>> channel_names(xr.DataArray(np.zeros((1, 512))))[1]
+    'x[2] to x[3]'
     """
-    size = int(np.prod(shape, dtype=int))
+    size = int(np.prod(x.shape[1:], dtype=int))
     if not size:
         return []
     starts = group_starts(size, INPUTS)
-    named = []
-    for start, stop in zip(starts, [*starts[1:], size], strict=True):
-        first, last = (
-            "x[" + ", ".join(str(int(i)) for i in np.unravel_index(place, shape)) + "]" if shape else "x"
-            for place in (start, stop - 1)
-        )
-        named.append(first if first == last else f"{first} to {last}")
-    return named
+    ends = zip(starts.tolist(), [*starts[1:].tolist(), size], strict=True)
+    named = ((value_name(x, start), value_name(x, stop - 1)) for start, stop in ends)
+    return [first if first == last else f"{first} to {last}" for first, last in named]

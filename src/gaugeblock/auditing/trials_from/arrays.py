@@ -11,6 +11,7 @@ import xarray as xr
 from gaugeblock.core.arrays import Array, plain
 from gaugeblock.core.errors import InputError
 from gaugeblock.validate import make_trials
+from gaugeblock.validate.named_data import named_data
 
 
 def named_arrays(
@@ -121,7 +122,7 @@ def assembled(
     *,
     names: Sequence[str],
     source: str,
-    x: Array | None = None,
+    x: Array | xr.DataArray | None = None,
     labels: Mapping[str, Sequence[str]] | None = None,
     **further: Any,
 ) -> xr.Dataset:
@@ -163,19 +164,17 @@ def assembled(
     )
 
 
-def data_of(x: Any, truths: object, *, source: str) -> Array | None:
-    """The data of each trial: None, an array ``(trial, ...)``, or the name it has among the truths.
+def data_of(x: Any, truths: object, *, source: str) -> xr.DataArray | None:
+    """The data of each trial: None, what `named_data` takes, or the name it has among the truths.
 
     Raises
     ------
     InputError
         If there is nothing of that name.
     """
-    if x is None:
-        return None
-    if not isinstance(x, str):
-        return plain(x, what=f"{source}: x")
-    if not isinstance(truths, Mapping) or x not in truths:
-        there = ", ".join(map(str, truths)) if isinstance(truths, Mapping) else type(truths).__name__
-        raise InputError(f"{source}: no data {x!r} among the simulations (there are {there})")
-    return plain(truths[x], what=f"{source}: x")
+    if isinstance(x, str):
+        if not isinstance(truths, Mapping) or x not in truths:
+            there = ", ".join(map(str, truths)) if isinstance(truths, Mapping) else type(truths).__name__
+            raise InputError(f"{source}: no data {x!r} among the simulations (there are {there})")
+        x = truths[x]
+    return None if x is None else named_data(x, what=f"{source}: x")

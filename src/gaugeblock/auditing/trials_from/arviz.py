@@ -12,6 +12,7 @@ import xarray as xr
 from gaugeblock.auditing.trials_from.arrays import (
     assembled,
     chosen_names,
+    data_of,
     named_arrays,
     stacked,
 )
@@ -24,8 +25,9 @@ from gaugeblock.auditing.trials_from.layout import (
     layout_of,
     per_trial,
 )
-from gaugeblock.core.arrays import Array, plain
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
+from gaugeblock.validate.named_data import named_data
 from gaugeblock.validate.storage import open_groups
 
 SOURCE = "trials_from_arviz"
@@ -87,15 +89,16 @@ def trials_from_arviz(
         elif found is not None:
             known[name] = found
     first = posterior[wanted[0]]
-    data = None if x is None else plain(x, what=f"{source}: x")
+    data = data_of(x, None, source=source)
     for group in DATA if x is None else ():
         # A variable called like a parameter is its truth, not data that it made (`to_arviz`).
         held = groups[group].drop_vars(wanted, errors="ignore") if group in groups else xr.Dataset()
-        variables = list(held.data_vars.values())
-        if variables:
-            found_data = [per_trial(v, first, layout, group=group, source=source) for v in variables]
-            flat = [part.reshape(len(part), -1) for part in found_data]
-            data = found_data[0] if len(flat) == 1 else np.concatenate(flat, axis=1)
+        found = {
+            name: per_trial(variable, first, layout, group=group, source=source)
+            for name, variable in held.data_vars.items()
+        }
+        if found:
+            data = named_data(found if len(found) > 1 else next(iter(found.values())))
             break
     # Chains that ArviZ stacked into samples are remembered by their coordinate.
     chains = CHAIN in layout.draws or CHAIN in posterior.coords

@@ -8,7 +8,7 @@ from typing import Any
 import xarray as xr
 
 from gaugeblock.auditing.trials_from.arrays import assembled, chosen_names, data_of
-from gaugeblock.core.arrays import column_names, numbers, plain
+from gaugeblock.core.arrays import column_names, plain
 from gaugeblock.core.errors import InputError
 from gaugeblock.validate.trials import make_trials
 
@@ -30,7 +30,8 @@ def trials_in_hand(
     Either may be a dictionary of arrays by name, as BayesFlow and NumPyro have them, a table with columns of
     that name (pandas, polars: truths alone), or an xarray array with a coordinate ``parameter`` and axes in
     any order. Where both have names, each parameter is found by its own, in the order of the truths. `x` is
-    an array ``(trial, ...)``, or its name among the truths; `further` are arrays of `make_trials`.
+    what `named_data` takes, an array ``(trial, ...)`` or a table or arrays by name, or its name among the
+    truths; `further` are arrays of `make_trials`.
 
     Raises
     ------
@@ -43,8 +44,7 @@ def trials_in_hand(
     >>> trials["parameter"].values.tolist(), trials["draws"].values[0, 0].tolist()
     (['a', 'b'], [0.0, 1.0])
     """
-    data = data_of(x, theta_true, source=SOURCE) if isinstance(x, str) else x
-    arrays = {**further, "x": None if data is None else numbers(data, what="x")}
+    arrays = {**further, "x": data_of(x, theta_true, source=SOURCE)}
     truths, drawn = _by_name(theta_true, TRUTHS), _by_name(draws, DRAWS)
     if truths is not None and drawn is not None:
         every = sorted(drawn, key=[*truths, *drawn].index)

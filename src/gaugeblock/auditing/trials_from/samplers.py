@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from gaugeblock.auditing.trials_from.arrays import stacked
+from gaugeblock.auditing.trials_from.arrays import data_of, stacked
 from gaugeblock.core.arrays import Array, plain
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.foreign import read_text
@@ -69,7 +69,7 @@ def trials_from_samplers(
         theta[:, None] if theta.ndim == 1 else theta,
         stacked([points for points, _ in made], what=f"{SOURCE}: runs"),
         names,
-        x=None if x is None else plain(x, what=f"{SOURCE}: x"),
+        x=data_of(x, None, source=SOURCE),
         autocorrelated=chains == {True},
     )
 

@@ -26,7 +26,8 @@ def known(n=90, *, channels=3, periods=None, features=0):
         rng.random(n), periods or {},
     )  # fmt: skip
     names = [f"own {k}" for k in range(features)]
-    data = make_data(x, rng.normal(size=(n, features)), shape=(channels,), names=names)
+    called = [f"x[{k}]" for k in range(channels)]
+    data = make_data(x, rng.normal(size=(n, features)), channels=called, names=names)
     return Known(pools, data, pools.summaries(), ("a", "b"))
 
 

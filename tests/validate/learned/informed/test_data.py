@@ -4,6 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
+import xarray as xr
 
 from gaugeblock.validate import make_trials, trials_tree
 from gaugeblock.validate.learned.discriminant import normal_scores
@@ -31,15 +32,20 @@ def test_neighbours_are_summed_until_there_are_few_enough():
 
 
 def test_channels_are_called_as_they_lie():
-    assert channel_names((3,)) == ["x[0]", "x[1]", "x[2]"]
-    assert channel_names((2, 2)) == ["x[0, 0]", "x[0, 1]", "x[1, 0]", "x[1, 1]"]
-    assert channel_names(()) == ["x"]
-    assert channel_names((0,)) == channel_names((3, 0)) == []
-    many = channel_names((2, 300))
+    def called(*shape):
+        return channel_names(xr.DataArray(np.zeros((5, *shape))))
+
+    assert called(3) == ["x[0]", "x[1]", "x[2]"]
+    assert called(2, 2) == ["x[0, 0]", "x[0, 1]", "x[1, 0]", "x[1, 1]"]
+    assert called() == ["x"]
+    assert called(0) == called(3, 0) == []
+    many = called(2, 300)
     assert len(many) == 256
     assert many[:2] == ["x[0, 0] to x[0, 1]", "x[0, 2] to x[0, 3]"]
     assert many[-1] == "x[1, 297] to x[1, 299]"
-    assert channel_names((300,))[0] == "x[0]"
+    assert called(300)[0] == "x[0]"
+    energies = xr.DataArray(np.zeros((5, 512)), dims=("trial", "keV"), coords={"keV": np.arange(512) / 100})
+    assert channel_names(energies)[1] == "x[keV=0.02] to x[keV=0.03]"
 
 
 def test_values_are_standardised_counts_by_their_roots_and_heavy_ones_by_rank():
@@ -48,15 +54,16 @@ def test_values_are_standardised_counts_by_their_roots_and_heavy_ones_by_rank():
     heavy = rng.standard_cauchy(200)
     features = rng.exponential(size=(200, 2))
     found = make_data(
-        np.column_stack([plain, np.full(200, 3.0), heavy]), features, shape=(3,), names=["one", "two"]
-    )
+        np.column_stack([plain, np.full(200, 3.0), heavy]), features, names=["one", "two"],
+        channels=["x[0]", "x[1]", "x[2]"],
+    )  # fmt: skip
     assert (found.names, found.channels) == (("x[0]", "x[2]", "one", "two"), 2)
     np.testing.assert_allclose(found.values[:, 0], (plain - plain.mean()) / plain.std())
     np.testing.assert_allclose(found.values[:, 1], normal_scores(heavy[:, None], heavy[:, None])[:, 0])
     np.testing.assert_allclose(found.values[:, 2:], normal_scores(features, features))
     counts = rng.poisson(4.0, (200, 2)).astype(float)
     root = np.sqrt(counts)
-    found = make_data(counts, np.empty((200, 0)), shape=(2,), names=[])
+    found = make_data(counts, np.empty((200, 0)), channels=["a", "b"], names=[])
     np.testing.assert_allclose(found.values, (root - root.mean(axis=0)) / root.std(axis=0))
 
 
@@ -69,7 +76,7 @@ def test_ranks_are_taken_where_far_values_make_most_of_the_spread(share, ranked)
     ratio = values.std() / (np.subtract(*np.quantile(values, [0.75, 0.25])) / 1.349)
     assert (ratio > 2) == ranked
     assert abs(ratio - 2) < 0.35
-    found = make_data(values[:, None], np.empty((2000, 0)), shape=(1,), names=[]).values[:, 0]
+    found = make_data(values[:, None], np.empty((2000, 0)), channels=["x[0]"], names=[]).values[:, 0]
     scores = normal_scores(values[:, None], values[:, None])[:, 0]
     wanted = scores if ranked else (values - values.mean()) / values.std()
     np.testing.assert_allclose(found, wanted)
@@ -87,13 +94,14 @@ def test_data_of_some_trials_leave_out_features_that_are_no_numbers():
     kept = [k for k, name in enumerate(features.names) if name != "bad"]
     assert "bad" in features.names
     wanted = make_data(
-        x.reshape(30, 4)[rows], features.values[rows][:, kept], shape=(2, 2),
-        names=[features.names[k] for k in kept],
+        x.reshape(30, 4)[rows], features.values[rows][:, kept],
+        channels=["x[0, 0]", "x[0, 1]", "x[1, 0]", "x[1, 1]"], names=[features.names[k] for k in kept],
     )  # fmt: skip
     assert (found.names[:5], found.channels) == (wanted.names[:5], 4)
     # Components say with which value of x they go most, the user's own keep their names.
-    for name, was, column in zip(found.names[5:], wanted.names[5:], wanted.values[:, 5:].T, strict=True):
-        alike = [abs(np.corrcoef(column, value)[0, 1]) for value in wanted.values[:, :4].T]
+    for name, was in zip(found.names[5:], wanted.names[5:], strict=True):
+        column = features.column(was)
+        alike = [abs(np.corrcoef(column, value)[0, 1]) for value in x.reshape(30, 4).T]
         main = wanted.names[int(np.argmax(alike))]
         assert name == (was if was == "own" else f"{was} (most of it {main})")
     assert [name.split(" (")[0] for name in found.names[5:]] == [

@@ -43,7 +43,8 @@ def known(values, x, rng):
         values, rank_scores(values, rng.random((n, candidates))), values.mean(axis=1), values.std(axis=1),
         np.zeros((n, p)), rng.random(n), {},
     )  # fmt: skip
-    data = make_data(x, np.empty((n, 0)), shape=x.shape[1:], names=[])
+    called = [f"x[{k}]" for k in range(x.shape[1])]
+    data = make_data(x, np.empty((n, 0)), channels=called, names=[])
     return Known(pools, data, pools.summaries(), tuple("abc"[:p]))
 
 
