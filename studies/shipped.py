@@ -126,7 +126,8 @@ def together(audits: Sequence[Audit], seeds: Sequence[int], *, command: str = ""
         found = [one for one in (group_trials(tree, name) for tree in trees) if one is not None]
         groups[name] = xr.concat(found, "trial") if found else None
     record = dict(audits[0].verdict.provenance)
-    sizes = {"number": main.sizes["trial"], "seeds": [str(seed) for seed in seeds]}
+    used = {f"{name}_number": group.sizes["trial"] for name, group in groups.items() if group is not None}
+    sizes = {"number": main.sizes["trial"], **used, "seeds": [str(seed) for seed in seeds]}
     return judged_and_kept(
         trials_tree(main, **groups),
         as_policy(record["policy"]),

@@ -125,7 +125,11 @@ def test_the_verdict_of_both_lies_beside_the_weights(twin):
     assert verdict["verdict"] == "INCONCLUSIVE"
     said = verdict["provenance"]
     assert said["estimator"]["sha256"] == json.loads((MODELS / FLOW / "model.json").read_text())["sha256"]
-    assert said["trials"]["number"] == 120
+    assert {name: said["trials"][name] for name in ("number", "importance_number", "joint_number")} == {
+        "number": 120,
+        "importance_number": 120,
+        "joint_number": 120,
+    }
     assert said["trials"]["seeds"] == [row["seed"] for row in shipped._rows(read(twin / "shipped.nc"))][:2]
     assert said["command"] == f"python -m studies shipped {FLOW} --commit c0ffee"
 
