@@ -19,6 +19,8 @@ PER_DRAW = ("log_q", "log_likelihood", "log_prior", "weight")
 PER_TRIAL = ("log_q_true", "log_likelihood_true", "log_prior_true")
 EVIDENCE = ("log_evidence", "log_evidence_error", "log_evidence_true")
 QUANTITY = "quantity_"
+# Of truths and data: squares of what is larger, and sums of squares, are no doubles.
+LARGEST = 1e150
 AXES: dict[str, tuple[str, ...]] = {
     "theta_true": ("trial", "parameter"),
     "draws": ("trial", "draw", "parameter"),
@@ -37,7 +39,7 @@ def check_trials(dataset: xr.Dataset, *, source: str, parameters: Sequence[str] 
     ------
     InputError
         Missing or non-numeric arrays, wrong axes or lengths, missing, duplicate, unknown or unprintable
-        names, no trials, fewer than two draws, NaN or infinite theta_true or x, impossible weights.
+        names, no trials, fewer than two draws, NaN, infinite or enormous theta_true or x, impossible weights.
     """
     schema_version(dataset, source=source)
     _printable((*dataset.data_vars, *dataset.coords, *dataset.dims), source=source)
@@ -196,19 +198,20 @@ def _finite(dataset: xr.Dataset, name: str, *, source: str) -> None:
     array, number = dataset[name], dataset.sizes["trial"]
     length = block_length(array.size // number)
     slices = (slice(start, start + length) for start in range(0, number, length))
-    good = [np.isfinite(array.isel(trial=rows).values) for rows in slices]
+    good = [np.abs(array.isel(trial=rows).values) <= LARGEST for rows in slices]
     bad = np.concatenate([~part.reshape(len(part), -1).all(axis=1) for part in good])
     if not bad.any():
         return
     trials = np.flatnonzero(bad)
+    first = array.values[trials[0]]
     where = f"trial {trials[0]}"
     if name == "theta_true":
-        column = int(np.flatnonzero(~np.isfinite(array.values[trials[0]]))[0])
+        column = int(np.flatnonzero(~(np.abs(first) <= LARGEST))[0])
         where += f", parameter {dataset['parameter'].values[column]}"
-    raise InputError(
-        f"{source}: {name} has NaN or infinite values in {len(trials)} trial(s), first in {where}; "
-        "simulate those trials again or leave them out"
-    )
+    what, mend = "NaN or infinite values", "simulate those trials again or leave them out"
+    if np.isfinite(first).all():
+        what, mend = f"values beyond {LARGEST:g}", "their squares are no numbers: give it in another unit"
+    raise InputError(f"{source}: {name} has {what} in {len(trials)} trial(s), first in {where}; {mend}")
 
 
 def _weights(dataset: xr.Dataset, *, source: str) -> None:

@@ -148,6 +148,14 @@ def test_newer_and_senseless_schema_versions(tmp_path):
         ),
         (replaced("theta_true", at=(0, 0), to=np.inf), "theta_true has NaN or infinite"),
         (replaced("x", at=(5, 2), to=np.nan), "x has NaN or infinite values in 1 trial.* trial 5"),
+        (
+            replaced("x", at=(5, 2), to=-1.1e150),
+            r"x has values beyond 1e\+150 in 1 .* trial 5; their squares",
+        ),
+        (
+            replaced("theta_true", at=(4, 1), to=1e308),
+            r"theta_true has values beyond 1e\+150 in 1 trial\(s\), first in trial 4, parameter angle",
+        ),
         (replaced("weight", at=(1, 1), to=-1.0), "weight has negative values"),
         (replaced("weight", at=(1, 1), to=np.nan), "weight has NaN"),
         (replaced("weight", at=2, to=0.0), "weights of trial 2 sum to zero"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -80,7 +81,7 @@ def readings(truth: Array, draws: Array) -> Iterator[LayoutReading]:
     median = float(np.median(truth)), float(np.median(draws))
     spread = _quartiles(truth), _quartiles(draws)
     yield LayoutReading(offset=median[0] - median[1], fitted=True)
-    if spread[0] > 0 and spread[1] > 0:
+    if all(0 < one < math.inf for one in spread):
         ratio = spread[0] / spread[1]
         yield LayoutReading(unit=_known(_factor(truth, draws, ratio)), fitted=True)
         yield LayoutReading(unit=ratio, offset=median[0] - ratio * median[1], fitted=True)
@@ -90,7 +91,7 @@ def readings(truth: Array, draws: Array) -> Iterator[LayoutReading]:
 
 
 def _quartiles(values: Array) -> float:
-    low, high = np.quantile(values, [0.25, 0.75])
+    low, high = np.quantile(values, [0.25, 0.75]).tolist()
     return float(high - low)
 
 
@@ -102,5 +103,7 @@ def _factor(truth: Array, draws: Array, ratio: float) -> float:
 
 def _known(factor: float) -> float:
     """The factor, or a usual one that it is nearly."""
-    usual = min(KNOWN_FACTORS, key=lambda known: abs(math.log(abs(factor) / known)))
+    # A logarithm of each: the ratio of a tiny factor to a large one is 0.
+    size = math.log(max(abs(factor), sys.float_info.min))
+    usual = min(KNOWN_FACTORS, key=lambda known: abs(size - math.log(known)))
     return math.copysign(usual, factor) if abs(abs(factor) / usual - 1) <= NEARLY else factor

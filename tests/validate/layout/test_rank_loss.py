@@ -5,7 +5,7 @@ import pytest
 
 from gaugeblock.validate.layout import rank_loss
 from gaugeblock.validate.layout.rank_loss import ColumnLoss, Foretelling, foretellings, share_below
-from gaugeblock.validate.layout.readings import AS_IT_IS, LayoutReading
+from gaugeblock.validate.layout.readings import AS_IT_IS, LayoutReading, readings
 
 
 def share(truths, value):
@@ -54,6 +54,18 @@ def test_losses_trial_by_trial(weighted):
             error = (own - loss).std(ddof=1) / np.sqrt(12)
             assert one.standard_error == pytest.approx(error, abs=1e-12)
             assert one.z == pytest.approx((own - loss).mean() / error if parameter != column else 0.0)
+
+
+@pytest.mark.parametrize(("size", "fitted"), [(1e300, 4), (1e307, 4), (1.7e308, 1)])
+def test_draws_up_to_the_largest_double_have_readings(size, fitted):
+    """Where their quartiles are farther apart than any number, an offset alone is left."""
+    truth = np.linspace(-1.0, 1.0, 50)
+    draws = size * np.repeat(np.sign(truth)[:, None], 20, axis=1)
+    found = [one for one in readings(truth, draws) if one.fitted]
+    assert len(found) == fitted
+    assert all(np.isfinite([one.unit, one.offset]).all() and one.unit > 0 for one in found)
+    if fitted > 1:
+        assert found[1].unit == pytest.approx(np.ptp(np.quantile(truth, [0.25, 0.75])) / (2 * size))
 
 
 def test_readings_are_tried_of_all_columns_of_few_parameters_and_of_the_own_of_many(monkeypatch):
