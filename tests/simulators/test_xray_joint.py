@@ -9,7 +9,7 @@ import pytest
 from gaugeblock.core.errors import InputError
 from gaugeblock.discovery.fitting import fit
 from gaugeblock.simulators import Effect, LogUniform, Simulator, Uniform
-from gaugeblock.simulators.library import LibraryEffect
+from gaugeblock.simulators.library import Known, LibraryEffect
 from gaugeblock.simulators.protocol import Described, Extensible, HasJacobian, HasLikelihood, HasNoise
 from gaugeblock.simulators.segments import segments
 
@@ -204,6 +204,15 @@ def test_the_library_has_a_source_effect_once_and_an_instrument_effect_for_each(
     assert mixed.parameters == first["line"].parameters
     assert library["area[nustar]"].name == "area"
     assert library["area[nustar]"].effect().kind == OnInstrument("nustar")
+
+
+def test_lines_of_every_detector_are_known_once():
+    pn, mos, iron = (Known(name, 1.0, 1) for name in ("of the pn", "of the mos", "iron"))
+    given = {
+        name: {"line": replace(entry("line", "source", 0.5, 8, [1]), known=known)}
+        for name, known in {"pn": (iron, pn), "mos": (iron, mos)}.items()
+    }
+    assert joint_library(given)["line"].known == (iron, pn, mos)
 
 
 def test_its_own_library_fits_its_instruments(joint, theta):

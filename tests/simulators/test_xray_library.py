@@ -228,12 +228,15 @@ ENTRIES = {
 }
 
 
-def test_names_of_lines_and_edges_are_ranked_by_how_common_they_are(library):
+def test_names_of_lines_and_edges_are_ranked_by_how_common_they_are(library, simulator):
     known = {
         name: {one.name: (one.energy, one.rank) for one in library[name].known}
         for name in ("emission_line", "absorption_line", "absorption_edge")
     }
-    assert [len(found) for found in known.values()] == [30 + 17 + 9, 30, 14]
+    # Two lines of 23 ions; K alpha of 25 atoms, K beta of 11, L lines of two; the detector's.
+    assert [len(found) for found in known.values()] == [46 + 25 + 11 + 4 + 28, 46, 20 + 6]
+    assert simulator.response.instrument == "EPN"
+    assert "Cu K alpha of the detector" in known["emission_line"]
     lines, resonances, edges = known.values()
     # Iron's three; what is common; the others. The ions' are the same in absorption.
     ranked = [
@@ -241,12 +244,13 @@ def test_names_of_lines_and_edges_are_ranked_by_how_common_they_are(library):
         {"Fe K beta": 7.0593, "Si K alpha": 1.7396, "Ni K alpha": 7.4745, "O VIII Lyman alpha": 0.65362,
          "S XV resonance line": 2.46063},
         {"Mg K alpha": 1.2537, "Ni K beta": 8.2662, "Ca K beta": 4.0131, "N VII Lyman alpha": 0.50032,
-         "Na X resonance line": 1.12683},
+         "Na X resonance line": 1.12683, "Fe L alpha": 0.7048},
+        {"Co K alpha": 6.9258, "Ti K beta": 4.9334},
     ]  # fmt: skip
     for rank, names in enumerate(ranked):
         for name, energy in names.items():
             assert lines[name] == (energy, rank), name
-            assert " K " in name or resonances[name] == lines[name]
+            assert " K " in name or " L " in name or resonances[name] == lines[name]
     assert [name for name, (_, rank) in lines.items() if rank == 0] == [
         "Fe XXVI Lyman alpha", "Fe XXV resonance line", "Fe K alpha"
     ]  # fmt: skip
