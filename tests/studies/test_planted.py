@@ -243,11 +243,12 @@ def test_an_amplitude_is_held_against_what_the_control_lacks(base, whole, monkey
     """A line's in photons before the absorber that the control's fit has; of a control asked for it alone."""
     from astropy.io import fits
 
-    asked = []
+    asked, said = [], found("emission_line", named="emission_line", alike=["emission_line"])
+    column = said["fit"]["before"]["parameters"]["tbabs_1.nh"]
 
     def discover(_pha, **options):
         asked.append(options)
-        return Canned(found("emission_line", named="emission_line", alike=["emission_line"]))
+        return Canned(said)
 
     monkeypatch.setattr("gaugeblock.discover", discover, raising=False)
     row = planted.case(base, "emission_line", 0, 1)["planted"]
@@ -264,6 +265,13 @@ def test_an_amplitude_is_held_against_what_the_control_lacks(base, whole, monkey
     area = np.interp(at, middle, whole.area * rows)
     absorbed = row["planted"]["size"] / (share * seconds * area)
     assert 1.0 < row["amplitude"] / absorbed < np.exp(0.5 * 30.0 * at**-2.5)
+    sent = []
+    for column["value"] in (10.0, 20.0):
+        sent.append(planted.case(base, "emission_line", 0, 1)["planted"]["amplitude"] / row["amplitude"])
+    # An optical depth is proportional to the column, and falls with energy to the power of some -2.5.
+    depth = np.log(sent) / [9.5, 19.5]
+    assert depth[0] == pytest.approx(depth[1])
+    assert 1.0 < depth[0] * at**2.5 < 4.0
     gain = planted.case(base, "gain_slope", 0, 1)["planted"]
     assert (gain["without"], gain["amplitude"]) == (1.01, gain["planted"]["size"])
     assert "amplitude" not in planted.case(base, "effective_area", 0, 1)["planted"]
