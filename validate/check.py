@@ -198,12 +198,13 @@ def _finite(dataset: xr.Dataset, name: str, *, source: str) -> None:
     array, number = dataset[name], dataset.sizes["trial"]
     length = block_length(array.size // number)
     slices = (slice(start, start + length) for start in range(0, number, length))
-    good = [np.abs(array.isel(trial=rows).values) <= LARGEST for rows in slices]
+    # As doubles: of single precision the limit is infinite.
+    good = [np.abs(array.isel(trial=rows).values.astype(float)) <= LARGEST for rows in slices]
     bad = np.concatenate([~part.reshape(len(part), -1).all(axis=1) for part in good])
     if not bad.any():
         return
     trials = np.flatnonzero(bad)
-    first = array.values[trials[0]]
+    first = array.isel(trial=int(trials[0])).values.astype(float)
     where = f"trial {trials[0]}"
     if name == "theta_true":
         column = int(np.flatnonzero(~(np.abs(first) <= LARGEST))[0])

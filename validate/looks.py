@@ -28,6 +28,8 @@ def share(look: int) -> float:
 class Looks:
     """Trials at every look of this audit so far, the present one last.
 
+    As many as before are another look where likelihoods or importance draws are of more or fewer of them.
+
     `anew` says that its folder holds looks of another estimator, policy or seed, or at other draws, which are
     not among them; `other_policies` how many audits of the same truths under other policies came before it.
     """

@@ -134,6 +134,18 @@ def test_a_second_look_is_stricter_and_the_same_look_is_the_same(
     assert gb.judge(forty, "strict").verdict.looks.number == 3
 
 
+@pytest.mark.parametrize("part", ["joint_number", "importance_number"])
+def test_likelihoods_of_more_trials_are_another_look(forty: Path, tmp_path: Path, part: str) -> None:
+    """Their gates would be judged again, on more of them, at the level of the first look."""
+    ledger = tmp_path / "ledger.json"
+    table = {"importance_draws": 30, part: 20}
+    assert audited(tmp_path / "own", 40, table=table, ledger=ledger).verdict.looks.number == 1
+    for folder in (tmp_path / "own", tmp_path / "other"):
+        more = audited(folder, 40, table={**table, part: 30}, ledger=ledger).verdict
+        assert more.looks.trials == (40, 40)
+    assert audited(tmp_path / "own", 40, table=table, ledger=ledger).verdict.looks.number == 1
+
+
 @pytest.mark.parametrize("change", [{"table": {"seed": 8}}, {"policy": "strict"}])
 def test_another_seed_or_policy_is_counted_anew_and_neither_is_forgotten(
     forty: Path, change: dict[str, Any]

@@ -152,6 +152,7 @@ def test_newer_and_senseless_schema_versions(tmp_path):
             replaced("x", at=(5, 2), to=-1.1e150),
             r"x has values beyond 1e\+150 in 1 .* trial 5; their squares",
         ),
+        (replaced("x", at=(5, 2), to=np.inf).astype(np.float32), "x has NaN or infinite values in 1 trial"),
         (
             replaced("theta_true", at=(4, 1), to=1e308),
             r"theta_true has values beyond 1e\+150 in 1 trial\(s\), first in trial 4, parameter angle",

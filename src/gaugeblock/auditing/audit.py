@@ -205,10 +205,9 @@ def audit(
             around = trials_around(simulated, estimating, observed.data, seed=plan.seed, block=plan.block)
             add_group(tree, POSTERIOR, around)
             tell("around the observation", 1, 1)
-        number = tree.sizes["trial"]
         if watch is not None:
-            made["used"] = number
-        look = audit_look(same, rules, number, seed=None if run.drawn else plan.seed)
+            made["used"] = tree.sizes["trial"]
+        look = audit_look(same, rules, seed=None if run.drawn else plan.seed)
         elsewhere: dict[str, Any] = {}
         if entry is not None:
             # What is watched may stop anywhere, and spends nothing for looks.
@@ -252,7 +251,7 @@ def audit(
             estimator=estimating,
         )
         if entry is not None:
-            entry.ended(plan.number, result.outcome.value)
+            entry.ended(result.outcome.value)
         if out is None:
             tree.load()
         discard(folder / CHUNKS)

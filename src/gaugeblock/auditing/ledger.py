@@ -20,7 +20,7 @@ from typing import Any
 
 from gaugeblock.auditing.identity import lasting
 from gaugeblock.auditing.kept_seed import BITS
-from gaugeblock.auditing.provenance import digests, settings, title
+from gaugeblock.auditing.provenance import digests, settings, sizes, title
 from gaugeblock.core.atomic import write_atomically
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.foreign import RECORD, read_bytes
@@ -40,23 +40,24 @@ Line = dict[str, Any]
 
 @dataclass(frozen=True, kw_only=True)
 class Entry:
-    """An audit as its ledger knows it: its seed, and for provenance what came before it."""
+    """An audit as its ledger knows it: its seed, this look's `sizes`, for provenance what came before it."""
 
     path: Path
     line: Mapping[str, Any]
+    at: Mapping[str, int]
     record: Mapping[str, Any]
 
     @property
-    def looked_at(self) -> list[int]:
-        """Trials at each look at this audit so far, this one's among them."""
-        return [look["trials"] for look in self.line["looks"]]
+    def looked_at(self) -> list[dict[str, int]]:
+        """Sizes at each look at this audit so far, this one's among them."""
+        return _sizes(self.line["looks"])
 
     @property
     def seed(self) -> int:
         """The seed to draw the trials with."""
         return int(self.line["seed"])
 
-    def ended(self, trials: int, outcome: str) -> None:
+    def ended(self, outcome: str) -> None:
         """Enter what came of it.
 
         Raises
@@ -69,8 +70,8 @@ class Entry:
             mine = next((line for line in lines if _same(line, self.line)), None)
             if mine is None:
                 raise InputError(f"{self.path}: the audit that just ended is no longer in the ledger")
-            look = {"trials": trials, "outcome": outcome}
-            mine["looks"] = [one for one in mine["looks"] if one != {"trials": trials, "outcome": None}]
+            look = {**self.at, "outcome": outcome}
+            mine["looks"] = [one for one in mine["looks"] if one != {**look, "outcome": None}]
             if look not in mine["looks"]:
                 mine["looks"].append(look)
             _write(self.path, lines)
@@ -112,7 +113,7 @@ def entered(
     made = settings(record["trials"])
     own: Line = {"title": title(record), **digests(record), "release": release}
     own |= {"seed": made.pop("seed"), "trials": made}
-    number = record["trials"]["number"]
+    at = sizes(record["trials"])
     if not lasting(record["estimator"]):
         if release:
             raise InputError(
@@ -130,10 +131,10 @@ def entered(
         if mine is None:
             mine = {**own, "looks": []}
             lines.append(mine)
-        if number not in [look["trials"] for look in mine["looks"]]:
-            mine["looks"].append({"trials": number, "outcome": None})
+        if at not in _sizes(mine["looks"]):
+            mine["looks"].append({**at, "outcome": None})
         _write(path, lines)
-    return Entry(path=path, line=mine, record=_record(mine, lines))
+    return Entry(path=path, line=mine, at=at, record=_record(mine, lines))
 
 
 def _release_seed(path: Path, own: Line, kin: list[Line], lines: list[Line]) -> int:
@@ -185,6 +186,10 @@ def _record(mine: Line, lines: list[Line]) -> dict[str, Any]:
         "other_policies": len(others),
         "same_truths_other_policies": sum(_truths(line) == _truths(mine) for line in others),
     }
+
+
+def _sizes(looks: list[Line]) -> list[dict[str, int]]:
+    return [{name: value for name, value in look.items() if name != "outcome"} for look in looks]
 
 
 def _truths(line: Line) -> tuple[int, Any]:
@@ -247,6 +252,6 @@ def _intact(content: Any) -> bool:
     return isinstance(lines, list) and all(
         isinstance(line, dict)
         and {name: type(value) for name, value in line.items()} == KEYS
-        and all(isinstance(look, dict) and set(look) == {"trials", "outcome"} for look in line["looks"])
+        and all(isinstance(look, dict) and {"trials", "outcome"} <= set(look) for look in line["looks"])
         for line in lines
     )

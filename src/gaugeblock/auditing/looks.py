@@ -18,7 +18,7 @@ import numpy as np
 import xarray as xr
 
 from gaugeblock.auditing.identity import lasting, versions
-from gaugeblock.auditing.provenance import FORMAT, finished_audit, intrinsic, settings
+from gaugeblock.auditing.provenance import FORMAT, finished_audit, intrinsic, settings, sizes
 from gaugeblock.core.atomic import discard_unfinished, write_atomically
 from gaugeblock.core.digest import digest, file_digest
 from gaugeblock.core.errors import InputError
@@ -54,15 +54,15 @@ class Look:
         return digest([self.audit, self.policy])
 
 
-def audit_look(record: Mapping[str, Any], policy: Policy, number: int, *, seed: int | None) -> Look:
-    """A look at an audit of a simulator, after `number` trials; a `seed` that nobody chose is None."""
+def audit_look(record: Mapping[str, Any], policy: Policy, *, seed: int | None) -> Look:
+    """A look at an audit of a simulator; a `seed` that nobody chose is None."""
     same = _same(record)
     made = same["trials"]
     return Look(
         audit=digest(plain({**same, "trials": {**made, "seed": seed}})),
         truths=digest(plain([same["simulator"], made["seed"], made["block"]])),
         policy=_of_policy(policy),
-        at={"trials": number},
+        at=sizes(record["trials"]),
     )
 
 
@@ -110,8 +110,10 @@ def _same(record: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def look_at(folder: Path | None, look: Look, *, known: Iterable[int] = (), other_policies: int = 0) -> Looks:
-    """This look, after those in the folder, which records it, and those at `known` trials elsewhere.
+def look_at(
+    folder: Path | None, look: Look, *, known: Iterable[Mapping[str, int]] = (), other_policies: int = 0
+) -> Looks:
+    """This look, after those in the folder, which records it, and those of `known` sizes elsewhere.
 
     `other_policies` is how often these truths were judged under another policy, as far as is known elsewhere.
 
@@ -131,7 +133,7 @@ def look_at(folder: Path | None, look: Look, *, known: Iterable[int] = (), other
         ),
     }
     looks: list[Mapping[str, Any]] = []
-    for one in (*({"trials": number} for number in known), *found["looks"], look.at):
+    for one in (*known, *found["looks"], look.at):
         if one not in looks:
             looks.append(one)
     if folder is not None and looks != found["looks"]:

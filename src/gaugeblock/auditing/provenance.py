@@ -14,8 +14,10 @@ from gaugeblock.core.foreign import read_json
 # Of the folders that audits write; 1 was gaugeblock 0.1.0's, which drew other random numbers.
 FORMAT = 2
 DIGESTED = ("simulator", "estimator", "policy")
+# Of how many trials there are further draws, and likelihoods.
+PARTS = ("importance_number", "joint_number")
 # What of a plan may be otherwise at the next look at an audit: more trials begin with those that there are.
-ENLARGED = ("number", "importance_number", "joint_number", "used")
+ENLARGED = ("number", "used", *PARTS)
 
 
 def named(choice: object) -> dict[str, Any]:
@@ -65,6 +67,16 @@ def settings(trials: Mapping[str, Any]) -> dict[str, Any]:
     {'block': 200, 'seed': 1}
     """
     return {key: value for key, value in trials.items() if key not in ENLARGED}
+
+
+def sizes(trials: Mapping[str, Any]) -> dict[str, int]:
+    """What of an audit's trials makes one look at it: how many there are, and of how many the rest is.
+
+    >>> sizes({"number": 4000, "block": 200, "seed": 1, "joint_number": 1000})
+    {'trials': 4000, 'joint_number': 1000}
+    """
+    parts = {name: int(trials[name]) for name in PARTS if name in trials}
+    return {"trials": int(trials.get("used", trials["number"])), **parts}
 
 
 def digests(record: Mapping[str, Any]) -> dict[str, str]:
