@@ -78,6 +78,27 @@ def test_what_is_wrong_otherwise_stays_to_be_judged():
     assert repeated(np.empty((0, 9, 1)), np.empty((0, 1))) == repeated(stays[:, :1], truth) == 0.0
 
 
+def test_what_a_posterior_repeats_by_itself_is_taken_off():
+    """Fifty values of each trial's own, drawn again from forty: copies are one in forty of what differs, less
+    the commonest, which has three or so of the forty; with what repeats by itself one in twenty-seven.
+    """
+    rng = np.random.default_rng(7)
+    place = rng.normal(size=(N, 1, 1))
+    draws = again(place + rng.integers(0, 50, (N, 40, 1)), rng)
+    assert repeated(draws, place[:, 0] + rng.integers(0, 50, (N, 1))) == pytest.approx(0.98 / 40, rel=0.33)
+
+
+def test_few_trials_are_enough_where_copies_are_many():
+    """13 of 100 draws are copies: with truths, 24 of 101 are no trial's commonest and repeated; that no truth
+    of 40 trials is one has a chance of 2e-5, and of half as many 4e-3.
+    """
+    rng = np.random.default_rng(8)
+    distinct, truth = rng.normal(size=(40, 87, 1)), rng.normal(size=(40, 1))
+    draws = np.concatenate([distinct, distinct[:, :13]], axis=1)
+    assert repeated(draws, truth) == pytest.approx(12 / 2500)
+    assert repeated(draws[:20], truth[:20]) == 0.0
+
+
 def test_zero_is_zero_and_all_parameters_count():
     rng = np.random.default_rng(6)
     few, truth = rng.normal(size=(200, 20, 2)), rng.normal(size=(200, 2))
