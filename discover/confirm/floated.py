@@ -61,8 +61,7 @@ def floated(
 
     `path` are the effects that it has, which do not float besides: of several instruments each by itself, its
     effects being called ``<effect>[<instrument>]``. A background that is measured is free
-    already: its region is fitted together with the source's. Where channels have no energy nothing is known of
-    an area, and none floats.
+    already: its region is fitted together with the source's. Where channels have no energy no area floats.
     """
     shape = curves(simulator, channels, most=BUMPS)
     for part in segments(simulator, channels):
