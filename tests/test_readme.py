@@ -48,13 +48,19 @@ def rate(cell):
 
 def test_verdicts_on_the_edge_of_a_tolerance():
     rows, below = table("error-rates.md", "gate")
-    edges = [(rate(fail), rate(passed)) for case, fail, passed in rows if case != "exact"]
-    each, fail, passed = said(
-        "on the edge of a tolerance, # each | FAIL in at most #%, PASS in at most #%".replace("|", r"\|")
+    edges = [
+        [number for cell in cells for number in said(r"^#% \(# to #\)", cell)]
+        for case, *cells in rows
+        if case != "exact"
+    ]
+    each, fail, passed, *limits = said(
+        r"on the edge of a tolerance, # each \| FAIL in at most #%, PASS in at most #%, as observed; "
+        "with 95% limits of at most #% and #%"
     )
     assert (each,) == said("; # replicates of each", below)
-    assert same(fail, max(edge[0] for edge in edges))
-    assert same(passed, max(edge[1] for edge in edges))
+    most = [max(float(edge[column]) for edge in edges) for column in (0, 3, 2, 5)]
+    for written, measured in zip((fail, passed, *limits), most, strict=True):
+        assert same(written, measured)
     assert len(edges) == 7
 
 

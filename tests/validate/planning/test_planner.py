@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
+from importlib.resources import files
 
 import numpy as np
 import pytest
@@ -168,6 +170,14 @@ def test_more_of_anything_never_takes_fewer_trials():
     powerful = make_policy({"planning": {"power": 0.99}}, source="test", base=POLICY)
     assert plan(powerful, params=2).trials > base
     assert plan(POLICY, params=2, trials=4 * base).smallest_detectable["bias"] < 0.16
+
+
+def test_the_strict_policy_promises_what_a_plan_says():
+    text = files("gaugeblock.validate").joinpath("policies/strict.toml").read_text()
+    promised = re.findall(r"in (\d+)%", text.replace("\n# ", " "))
+    found = plan(read_policy("strict"), params=5, trials=10_000)
+    assert promised == [f"{100 * found.fail_probability[name]:.0f}" for name in ("log_width", "bias")]
+    assert found.pass_probability_exact > 0.9
 
 
 def test_the_same_seed_gives_the_same_plan():
