@@ -46,8 +46,8 @@ from gaugeblock.validate.prepared import Prepared
 
 RANK = "informed.rank"
 # What a challenger learns depends on which trials it meets first: as many begin anew, fewer where there are
-# many parameters, or many values of x: at the default size that is some three CPU seconds, more where there are
-# many of both.
+# many parameters, or many values of x. That is some three CPU seconds at the default size, more with many of
+# both.
 ORDERS, ORDERS_OF_MANY = 3, 2
 FEW_PARAMETERS, FEW_CHANNELS = 4, 32
 # Standard errors from which a second way to tell is worth naming.
