@@ -178,6 +178,7 @@ def test_trials_that_are_made_otherwise_are_another_audit(
     # Whether these are the truths that judged another estimator before.
     assert begun(file, "b", made=made, trials=400).record["same_truths"] == 1
     assert begun(file, "c", made={"block": 100}).record["same_truths"] == (2 if fresh else 0)
+    assert begun(file, "d", made={"joint_draws": 7}).record["same_truths"] == (1 if fresh else 2)
     # Likelihoods of more trials are those of the same audit, and another look at it.
     more = begun(file, "a", made={**made, "joint_number": 9})
     assert more.record == other.record
@@ -229,8 +230,9 @@ def test_audits_under_other_policies_are_told_beside(tmp_path: Path) -> None:
     audited(file, 0.1, seed=1)
     audited(file, 0.1, seed=2, policy={"tolerance": {"bias": 0.1000001}})
     options = {"seed": 1, "policy": {"tolerance": {"bias": 0.1000002}}, "out": out}
+    audited(file, 0.1, **{**options, "seed": 3, "out": None})
     result = audited(file, 0.1, **options)
-    assert (record(result)["earlier"], record(result)["same_truths"]) == (0, 0)
+    assert (record(result)["earlier"], record(result)["same_truths"]) == (1, 0)
     assert (record(result)["other_policies"], record(result)["same_truths_other_policies"]) == (2, 1)
     assert result.verdict.looks.other_policies == 1
     for text in (
@@ -245,7 +247,7 @@ def test_audits_under_other_policies_are_told_beside(tmp_path: Path) -> None:
     audited(file, 0.1, seed=1)
     assert record(audited(file, 0.1, **options)) == record(result)
     other = audited(file, 0.1, seed=1, policy="strict", trials={"number": 30, "block": 10})
-    assert (record(other)["other_policies"], other.verdict.looks.other_policies) == (3, 0)
+    assert (record(other)["other_policies"], other.verdict.looks.other_policies) == (4, 0)
 
 
 def test_an_interrupted_release_goes_on_with_its_seed(tmp_path: Path) -> None:
