@@ -55,7 +55,8 @@ EFFICIENCY = "{efficiency:.1%} ({efficiency_lo:.1%} to {efficiency_hi:.1%})"
 class Promise:
     """The policy that a flow ships under, the trials of each of its two audits, draws for each efficiency.
 
-    `trainings` is how many it may have, the first among them; each is a line of shipped.toml.
+    `trainings` is how many it may have, the first among them; each is a line of shipped.toml. `further` were
+    promised after these had failed, which is told wherever the flow is.
     One for many exposures has these audits in every range of `exposures`, and keeps its promise in all.
     """
 
@@ -64,6 +65,7 @@ class Promise:
     importance_draws: int
     exposures: tuple[tuple[float, float], ...] = ()
     trainings: int = 3
+    further: int = 0
 
     @property
     def parts(self) -> Mapping[str, Mapping[str, Any]]:
@@ -86,8 +88,8 @@ PROMISES: Mapping[str, Promise] = {
     "nicer-medium": DEFAULT,
     "nicer-bright": DEFAULT,
     "epic-pn-medium-gain": DEFAULT,
-    # The fourth was promised after the third had failed, and before it was run: docs/training.md says why.
-    "epic-pn-bright-gain": replace(DEFAULT, trainings=4),
+    # Promised after the third had failed, and before it was run: docs/training.md says why.
+    "epic-pn-bright-gain": replace(DEFAULT, further=1),
     "epic-pn-exposures": DECADES,
 }
 
@@ -117,8 +119,22 @@ def _made(name: str) -> dict[str, Any]:
     return dict(json.loads((reference_model_path(name) / "model.json").read_text(encoding="utf-8")))
 
 
-def together(audits: Sequence[Audit], seeds: Sequence[int], *, command: str = "") -> Audit:
-    """One audit of the trials of several, under the policy that they have in common."""
+def history(name: str) -> dict[str, int]:
+    """Trainings of a flow, how many were promised before any of them, and its pairs of final audits."""
+    every = [one["kind"] for one in _known()["entry"] if one["flow"] == name]
+    return {
+        "trainings": every.count("training"),
+        "promised": PROMISES[name].trainings,
+        "final_audits": every.count("final") + 1,
+    }
+
+
+def _known() -> dict[str, Any]:
+    return tomllib.loads((STUDIES / "shipped.toml").read_text(encoding="utf-8"))
+
+
+def together(audits: Sequence[Audit], seeds: Sequence[int], **stated: Any) -> Audit:
+    """One audit of the trials of several, under their common policy; what is `stated` is in its record."""
     trees = [audit.trials for audit in audits]
     main = xr.concat([main_trials(tree) for tree in trees], "trial")
     groups = {}
@@ -133,7 +149,7 @@ def together(audits: Sequence[Audit], seeds: Sequence[int], *, command: str = ""
         as_policy(record["policy"]),
         seed=seeds[0],
         validators=None,
-        provenance=record | {"command": command, "trials": {**record["trials"], **sizes}},
+        provenance=record | {"trials": {**record["trials"], **sizes}, **stated},
         out=None,
         earlier=None,
         looks=Looks(trials=(main.sizes["trial"],)),
@@ -192,7 +208,8 @@ def run(chosen: argparse.Namespace) -> None:
         for part in PROMISES[name].parts:
             seeds = [seed_of(f"shipped {which} {part}".rstrip(), commit) for which in AUDITS[:2]]
             found = [audited(name, part, seed, chosen.work) for seed in seeds]
-            both = together(found, seeds, command=f"python -m {NAME} {name} --commit {commit}")
+            said = f"python -m {NAME} {name} --commit {commit}"
+            both = together(found, seeds, command=said, history=history(name))
             verdicts.append(both)
             rows += [
                 row(name, part, which, seed, audit) | origin
@@ -202,8 +219,8 @@ def run(chosen: argparse.Namespace) -> None:
         made_by = record(f"python -m {NAME} NAME --commit COMMIT", int(rows[0]["seed"]))
         write({"": made.assign_attrs(made_by)}, file)
         kept_one = worst(verdicts)
-        said = verdict_json(kept_one.verdict, kept_one.findings)
-        write_atomically(chosen.models / name / "verdict.json", said.encode())
+        text = verdict_json(kept_one.verdict, kept_one.findings)
+        write_atomically(chosen.models / name / "verdict.json", text.encode())
         sys.stdout.write(shown(_as_table(rows)) + "\n")
 
 
@@ -264,7 +281,7 @@ def flows(made: xr.Dataset, models: Path) -> str:
     """A line for every flow that ships: how it was made, and what both audits together say."""
     header = [
         *("`shipped:`", "network", "simulations", "steps", "redraws", "loss", "verdict", "efficiency"),
-        "joint likelihood",
+        *("joint likelihood", "trainings"),
     ]
     lines = []
     for one in _rows(made):
@@ -275,7 +292,7 @@ def flows(made: xr.Dataset, models: Path) -> str:
                 _called(one), kind, f"{trained['simulations']:,}", f"{trained['steps']:,}",
                 str(trained.get("redraws") or "-"), f"{model['validation_loss']:.3f}",
                 "{outcome}, {policy}, {trials:,} trials".format_map(one), EFFICIENCY.format_map(one),
-                _likelihood(one, models),
+                _likelihood(one, models), _trainings(one["flow"]),
             ])  # fmt: skip
     return table(header, lines)
 
@@ -294,21 +311,30 @@ def _likelihood(one: Mapping[str, Any], models: Path) -> str:
     return f"**{shown}**" if abs(gate["statistic"]) > gate["tolerance"] else shown
 
 
+def _trainings(name: str) -> str:
+    """How many there were, bold if more than had been promised; and how often final seeds were opened."""
+    trained, promised, finals = history(name).values()
+    number = str(trained) if trained <= promised else f"**{trained}, {promised} were promised**"
+    opened = {1: "", 2: "; final seeds opened twice"}.get(finals, f"; final seeds opened {finals} times")
+    return number + opened
+
+
 def logged(rows: Sequence[Mapping[str, Any]]) -> str:
     """A line for every training and audit of shipped.toml, then for the audits of the table."""
-    known = tomllib.loads((STUDIES / "shipped.toml").read_text(encoding="utf-8"))
+    known = _known()
     lines = [
         (one["date"].isoformat(), one["flow"], one["weights"], one["kind"], one["commit"], one["says"])
         for one in known["entry"]
     ]
     lines += [
-        ("", one["flow"], one["weights"], "audit", one["commit"][:7],
+        (known["opened"][one["flow"]].isoformat(), one["flow"], one["weights"], "final", one["commit"][:7],
          "{policy}, {trials:,} trials, {audit} of two final seeds: {outcome}".format_map(one)
+         + (f", {one['part']}" if one["part"] else "")
          + (f" by {one['failed']}" if one["failed"] else ""))
         for one in rows
     ]  # fmt: skip
     flows = [*PROMISES, *(line[1] for line in lines)]  # those that do not ship yet come last
-    order = sorted(lines, key=lambda line: (flows.index(line[1]), line[0] or "z"))
+    order = sorted(lines, key=lambda line: (flows.index(line[1]), line[0]))
     return "\n".join(
         f"{date:10s}  {flow:20s} {weights}  {kind:8s}  {commit}  {says}"
         for date, flow, weights, kind, commit, says in order

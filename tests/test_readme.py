@@ -168,6 +168,21 @@ def test_the_bright_flow():
         assert same(share, float(percent) / 100)
 
 
+def test_flows_beyond_what_is_tolerated():
+    rows = [row for row in table("training.md", "shipped flows")[0] if row[8]]
+    every = {(row[0], *said(r"^# \(.*?\) of #$", row[8])) for row in rows}
+    measured = {one for one in every if abs(float(one[1])) > float(one[2])}
+    bad = said(
+        "medium # and bright # of #, any exposure # of #, NICER medium # of #, bright with a free gain # of #"
+    )
+    medium, bright, strict, exposures, strict_too, nicer, default, gain, default_too = bad
+    assert measured == {
+        ("`epic-pn-medium`", medium, strict), ("`epic-pn-bright`", bright, strict),
+        ("`epic-pn-exposures`, 1080 to 10800 s", exposures, strict_too), ("`nicer-medium`", nicer, default),
+        ("`epic-pn-bright-gain`", gain, default_too),
+    }  # fmt: skip
+
+
 def test_peers():
     ratios = {row[0]: row[4] for row in table("peers.md", "peers")[0]}
     names = ("simultaneous ECDF band", "MMD", "expected coverage", "PSIS", "thread bootstrap")

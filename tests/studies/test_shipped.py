@@ -40,8 +40,9 @@ def test_every_flow_that_ships_is_promised():
     assert shipped.PROMISES["epic-pn-bright"].trials == 10_000
     assert shipped.PROMISES["epic-pn-bright"].importance_draws == 4_000
     assert shipped.PROMISES["nicer-bright"].trials == 4_000
-    more = {name: promise.trainings for name, promise in shipped.PROMISES.items() if promise.trainings != 3}
-    assert more == {"epic-pn-bright-gain": 4}
+    assert {promise.trainings for promise in shipped.PROMISES.values()} == {3}
+    more = {name: promise.further for name, promise in shipped.PROMISES.items() if promise.further}
+    assert more == {"epic-pn-bright-gain": 1}
 
 
 def test_every_training_is_in_the_log(capsys):
@@ -51,11 +52,19 @@ def test_every_training_is_in_the_log(capsys):
         weights = json.loads((MODELS / name / "model.json").read_text())["sha256"][:12]
         mine = [line for line in lines if weights in line]
         assert sum("  training  " in line for line in mine) == 1, name
-        assert any("  audit " in line for line in mine), name
+        assert any("  final " in line for line in mine), name
+        assert all(re.match(r"2026-11-\d\d  ", line) for line in mine), name
         every = [line for line in lines if f" {name} " in line and "  training  " in line]
-        assert 1 <= len(every) <= promise.trainings, name
+        assert 1 <= len(every) <= promise.trainings + promise.further, name
+        openings = {line.split()[2] for line in lines if f" {name} " in line and "  final " in line}
+        assert shipped.history(name) == {
+            "trainings": len(every),
+            "promised": promise.trainings,
+            "final_audits": len(openings),
+        }
     assert any("epic-pn-bright-gain" in line and "FAIL" in line for line in lines)
     assert any("epic-pn-faint" in line and "INCONCLUSIVE" in line for line in lines)
+    assert sum("  final " in line and "108 to 1080 s" in line for line in lines) == 3
 
 
 def audit_of(seed, number):
@@ -74,6 +83,18 @@ def test_two_audits_become_one_of_all_their_trials():
     assert both.gates["sbc.bias[theta_1]"].n_trials == 100
     assert both.verdict.provenance["command"] == "this"
     assert both.verdict.provenance["trials"] == {"number": 100, "seeds": ["8", "9"]}
+
+
+def test_the_first_table_says_who_was_trained_or_opened_more_often():
+    page = (DOCS / "training.md").read_text().partition("<!-- shipped flows -->")[2]
+    said = dict(re.findall(r"^\| `([\w-]+)`.* \| (.*?) \|$", page.partition("<!-- /")[0], flags=re.MULTILINE))
+    twice = "; final seeds opened twice"
+    assert said == {
+        **dict.fromkeys(("epic-pn-faint", "epic-pn-medium", "epic-pn-medium-gain"), "1"),
+        **{"nicer-faint": "1", "nicer-medium": "1", "nicer-bright": "2", "epic-pn-bright": f"2{twice}"},
+        "epic-pn-bright-gain": f"**4, 3 were promised**{twice}",
+        "epic-pn-exposures": f"3{twice}",
+    }
 
 
 @pytest.fixture(scope="module")
@@ -132,6 +153,7 @@ def test_the_verdict_of_both_lies_beside_the_weights(twin):
     }
     assert said["trials"]["seeds"] == [row["seed"] for row in shipped._rows(read(twin / "shipped.nc"))][:2]
     assert said["command"] == f"python -m studies shipped {FLOW} --commit c0ffee"
+    assert said["history"] == {"trainings": 1, "promised": 3, "final_audits": 1}
 
 
 def test_final_trials_are_looked_at_once(twin, tmp_path, capsys):
@@ -290,6 +312,7 @@ def test_a_flow_ships_with_the_verdict_of_its_final_audits(name):
     promise = shipped.PROMISES[name]
     assert [row["part"] for row in rows] == list(promise.parts)
     verdict = json.loads((MODELS / name / "verdict.json").read_text())
+    assert verdict["provenance"]["history"] == shipped.history(name)
     weights = json.loads((MODELS / name / "model.json").read_text())["sha256"][:12]
     assert {row["weights"] for row in rows} == {weights}
     assert {row["policy"] for row in rows} == {promise.policy}

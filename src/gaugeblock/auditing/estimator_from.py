@@ -189,7 +189,7 @@ def load(path: str | os.PathLike[str], *, device: str | None = None) -> Estimato
 
     `device` is ``cpu``, ``cuda``, ``cuda:1`` or ``auto``; by default what the variable GAUGEBLOCK_DEVICE
     says, or the CPU. A UserWarning names the gates that the flow FAILs, where a ``verdict.json`` of these
-    weights lies beside them.
+    weights lies beside them, or says that it was trained more often than had been promised.
 
     Raises
     ------
@@ -202,23 +202,27 @@ def load(path: str | os.PathLike[str], *, device: str | None = None) -> Estimato
     from gaugeblock.estimators.npe.storage import model_folder
 
     flow = load_flow(path, device=device)
-    if failed := _failed(model_folder(path), flow.record["sha256"]):
-        warnings.warn(
-            f"{path} FAILs {', '.join(failed)} in the audit beside it: do not use its draws unmended",
-            stacklevel=2,
-        )
+    if told := _told(model_folder(path), flow.record["sha256"]):
+        warnings.warn(f"{path} {told}", stacklevel=2)
     return flow
 
 
-def _failed(folder: Path, weights: str) -> list[str]:
-    """Gates that these weights FAIL, by the verdict beside them; none where there is no such verdict."""
+def _told(folder: Path, weights: str) -> str:
+    """What the verdict beside these weights has against them; nothing where there is no such verdict."""
     try:
         audit = finished_audit(folder)
-        if audit["provenance"]["estimator"]["sha256"] != weights:
-            return []
-        return [str(gate["id"]) for gate in audit["gates"] if gate["verdict"] == "FAIL"]
-    except (InputError, KeyError, TypeError):
-        return []
+        record = audit["provenance"]
+        if record["estimator"]["sha256"] != weights:
+            return ""
+        failed = [str(gate["id"]) for gate in audit["gates"] if gate["verdict"] == "FAIL"]
+        if failed:
+            return f"FAILs {', '.join(failed)} in the audit beside it: do not use its draws unmended"
+        trainings, promised = (int(record["history"][name]) for name in ("trainings", "promised"))
+    except (InputError, KeyError, TypeError, ValueError):
+        return ""
+    if trainings <= promised:
+        return ""
+    return f"was trained {trainings} times, {promised} had been promised: an audit that it PASSes says less"
 
 
 def _columns(draws: Mapping[str, Any], names: Sequence[str]) -> Array:
