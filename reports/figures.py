@@ -27,6 +27,8 @@ from gaugeblock.validate import Finding, Gate, Outcome, Verdict
 
 # Where no policy has a tolerance: the colour of a cell is full at this gap, as in a twentieth of the trials.
 FULL = 0.2
+# So many panels are seen at a glance.
+FEW = 8
 
 
 def sections(verdict: Verdict, findings: Sequence[Finding], errors: TrialErrors | None) -> list[Section]:
@@ -108,6 +110,7 @@ def _ranks(findings: Sequence[Finding], gates: Mapping[str, Gate]) -> Section | 
             ],
         ),
         failed=failed(gates, "sbc."),
+        overview=len(found) <= FEW,
     )
 
 

@@ -72,6 +72,7 @@ def information_section(findings: Sequence[Finding], gates: Mapping[str, Gate]) 
         tuple(panels),
         wide=True,
         failed=failed(gates, "informed."),
+        overview=True,
     )
 
 

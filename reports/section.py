@@ -25,7 +25,7 @@ class Panel:
 class Section:
     """Figures of one kind: what they show, and what a healthy one looks like; `wide` pictures need room.
 
-    A reader finds it open where a gate `failed` on what is drawn nowhere else.
+    A reader finds it open where a gate `failed` on what is drawn nowhere else, and an `overview` on a PASS.
     """
 
     anchor: str
@@ -35,6 +35,7 @@ class Section:
     panels: tuple[Panel, ...]
     wide: bool = False
     failed: bool = False
+    overview: bool = False
 
 
 def failed(gates: Mapping[str, Gate], *stems: str) -> bool:

@@ -61,6 +61,7 @@ def tails_section(verdict: Verdict, findings: Sequence[Finding]) -> Section | No
         tuple(panels),
         wide=True,
         failed=failed(gates, "tails."),
+        overview=True,
     )
 
 

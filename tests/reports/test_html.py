@@ -193,6 +193,19 @@ def test_passed_gates_are_folded_and_failed_ones_have_their_picture(failing):
     assert text.count("<details open") + text.count('class="fold" open') <= 1
 
 
+def test_a_pass_shows_pictures_of_bulk_tails_and_what_was_learned(passing, undecided, make_audit):
+    def opened(audit):
+        text = report_html(audit.verdict, audit.findings, audit.trials, title="x")
+        return re.findall(r'<section id="([\w-]+)">\s*<details class="fold" open>', text)
+
+    assert passing.verdict.outcome is Outcome.PASS
+    assert opened(passing) == ["ranks", "tails", "information"]
+    assert opened(undecided) == []
+    # Nine parameters are too many to be seen at a glance.
+    many = make_audit(n=60, names=tuple("abcdefghi"), densities=False)
+    assert opened(replace(many, verdict=replace(many.verdict, outcome=Outcome.PASS)))[0] == "tails"
+
+
 def test_trials_of_the_worst_region_lie_in_it():
     """Posteriors of `a` lie too high where the datum is large: so do the trials that are listed."""
     rng = np.random.default_rng(1)
