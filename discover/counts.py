@@ -108,6 +108,7 @@ class Counts(Engine):
         self.scheme = f"Poisson thinning, {self.thresholds.folds} folds"
         self._energies: dict[Profile, dict[int, Estimate]] = {}
         self._pulled: dict[Profile | None, tuple[Any, Fit]] = {}
+        self._chained: dict[tuple[str, ...], Profile] = {}
 
     @cached_property
     def _first(self) -> Look:
@@ -254,7 +255,7 @@ class Counts(Engine):
         simulator, theta = self.simulator, self.base.theta
         if path:
             best: Profile = rounds[-1].best
-            model = best if tuple(path) == tuple(best.path) else self._chain(path)
+            model = best if tuple(path) == tuple(best.path) else self._chain(tuple(path))
             simulator, theta = model.candidate.simulator, model.fit.theta
         return held_out_excess(simulator, self.sources, theta, rng=afresh(self._streams["excess"]))
 
@@ -266,30 +267,42 @@ class Counts(Engine):
         """What the model loses without each effect, the others fitted again.
 
         Of two of a kind each is what it won when it was added: without the first the other takes its place.
-        Of an effect of the source only that counts which an instrument known to a per cent or two cannot do.
         """
         best: Profile = rounds[-1].best
-        alone = {one.path: one for one in (model for made in rounds for model in made.models)}
         found, before = [], 0.0
         for at, key in enumerate(best.path):
-            head, rest = alone[best.path[: at + 1]], best.path[:at] + best.path[at + 1 :]
-            without = alone.get(rest) or (self._chain(rest) if rest else None)
-            added = best.path.count(key) > 1 or at == len(best.path) - 1
-            won = head.merit - before if added else best.merit - (without.merit if without else 0.0)
-            found.append(won - self._instrument_does(best, at, without))
+            head = self._with(rounds, best.path[: at + 1])
+            if best.path.count(key) > 1 or at == len(best.path) - 1:
+                won = head.merit - before
+            else:
+                won = best.merit - self._with(rounds, best.path[:at] + best.path[at + 1 :]).merit
+            found.append(won)
             before = head.merit
         return tuple(found)
 
-    def _instrument_does(self, best: Profile, at: int, without: Profile | None) -> float:
-        """Nats of an effect that gain and area, within what is known of them, would explain beside the model
-        without it.
-        """
-        if best.entries[at].origin != "source":
-            return 0.0
+    def taken(self, rounds: Sequence[Round]) -> tuple[float, ...]:
+        """Of effects of the source what gain slope, gain offset and a smooth area win instead."""
+        best: Profile = rounds[-1].best
+        sources = [entry.origin == "source" for entry in best.entries]
+        found = []
+        for at, source in enumerate(sources):
+            rest = best.path[:at] + best.path[at + 1 :]
+            found.append(
+                self._instrument_wins(best, self._with(rounds, rest) if rest else None) if source else 0.0
+            )
+        return (*found, self._instrument_wins(best, None) if any(sources) else 0.0)
+
+    def _instrument_wins(self, best: Profile, without: Profile | None) -> float:
+        """Nats that what floats wins more beside a model, None as it was given, than beside the best."""
         bare = self.base if without is None else without.fit
         won = bare.objective[0] - best.fit.objective[0]
         left = self._floated(without)[1].objective[0] - self._floated(best)[1].objective[0]
         return max(float(won - left), 0.0)
+
+    def _with(self, rounds: Sequence[Round], path: tuple[str, ...]) -> Profile:
+        """The model with some effects, fitted now if it was not."""
+        fitted = (one for made in rounds for one in made.models if one.path == path)
+        return next(fitted, None) or self._chain(path)
 
     def _floated(self, model: Profile | None) -> tuple[Any, Fit]:
         """A model, None as it was given, beside whose effects what catalogues leave free of an instrument is
@@ -303,14 +316,14 @@ class Counts(Engine):
             self._pulled[model] = made, fit(made, self.sources.counts, scale=self.sources.scale, start=begin)
         return self._pulled[model]
 
-    def _chain(self, path: Sequence[str]) -> Profile:
+    def _chain(self, path: tuple[str, ...]) -> Profile:
         """The model with some effects, fitted one after the other."""
-        seen, model = self._first, None
-        for key in path:
-            (model,) = self.fitted(seen, [key], model)
-            seen = self.after(model)
-        assert model is not None
-        return model
+        if path not in self._chained:
+            *before, key = path
+            model = self._chain(tuple(before)) if before else None
+            seen = self._first if model is None else self.after(model)
+            (self._chained[path],) = self.fitted(seen, [key], model)
+        return self._chained[path]
 
     def lost(self, rounds: Sequence[Round]) -> tuple[tuple[str, ...], ...]:
         """By joint score tests with every scanned shape of the library, and with a free smooth continuum."""

@@ -79,6 +79,7 @@ def decide(
     scored: HeldOut | None,
     *,
     worth: Sequence[float] = (),
+    taken: Sequence[float] = (),
     lost: Sequence[Sequence[str]] | None = None,
     held: str = "counts",
     taken_back: str | None = None,
@@ -95,6 +96,9 @@ def decide(
     ----------
     worth : sequence of float
         Nats that every added effect wins over the model that has all others.
+    taken : sequence of float
+        Nats of each, and of all together, that an instrument known as well as calibrations are wins instead.
+        Certain is what has `CERTAIN` left; where that is all of them together alone, the strongest.
     lost : sequence of sequences of str, optional
         Effects beside which each loses its sign or its significance, ``"unnamed"`` being a free smooth
         continuum; None where that was not looked at.
@@ -110,6 +114,11 @@ def decide(
     label, names = rounds[-1].best.label, tuple(rounds[-1].best.path)
     values = [*worth, *[0.0] * (len(names) - len(worth))]
     total = sum(max(one, 0.0) for one in values)
+    taken = [*taken, *[0.0] * (len(names) + 1 - len(taken))]
+    certain_at = [mine - took >= CERTAIN for mine, took in zip(values, taken, strict=False)]
+    # A later effect may take the name of what was there, never the excess.
+    if not any(certain_at) and total > 0.0 and rounds[-1].best.merit - taken[-1] >= CERTAIN:
+        certain_at[values.index(max(values))] = True
     gain, smooth, ahead, doubt = 0.0, -math.inf, -math.inf, t.margin
     if scored is not None:
         gain = scored.gain(label)
@@ -130,7 +139,7 @@ def decide(
     claims, nearest = [], []
     for at, (name, mine) in enumerate(zip(names, values, strict=True)):
         beside = () if lost is None else lost[at]
-        certain = mine >= CERTAIN
+        certain = certain_at[at]
         firm = certain and lost is not None and UNNAMED not in beside
         if not firm and (smoother or (seen and mine < t.stands)):
             nearest.append(at)

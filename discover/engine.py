@@ -351,6 +351,12 @@ class Engine(Protocol):
         """Nats that each effect of the last round's best model wins, everything else in the model."""
         return tuple(one.best.merit for one in rounds)
 
+    def taken(self, rounds: Sequence[Round]) -> tuple[float, ...]:  # noqa: ARG002
+        """Nats of each effect, and of all together, that an instrument wins instead which is known as well as
+        calibrations are; nothing where nobody says how well.
+        """
+        return ()
+
     def lost(self, rounds: Sequence[Round]) -> tuple[tuple[str, ...], ...] | None:  # noqa: ARG002
         """Beside which effects each of them loses its sign or its significance, ``"unnamed"`` being a free
         smooth continuum; None where that is not looked at.

@@ -45,10 +45,12 @@ def search(engine: Engine, *, step: Step = quiet) -> Searched:
     while len(rounds) > 1 and not engine.holds(rounds, scored):
         taken_back, last, rounds = rounds[-1].best.path[-1], rounds[-1].seen, rounds[:-1]
         scored = engine.scored(rounds)
-    worth, lost = (engine.worth(rounds), engine.lost(rounds)) if rounds else ((), None)
+    worth, taken, lost = (
+        (engine.worth(rounds), engine.taken(rounds), engine.lost(rounds)) if rounds else ((), (), None)
+    )
     decision = decide(
         thresholds, first, rounds, last, scored,
-        worth=worth, lost=lost, held=engine.held, taken_back=taken_back,
+        worth=worth, taken=taken, lost=lost, held=engine.held, taken_back=taken_back,
     )  # fmt: skip
     if decision.added:
         step("measuring the amplitude")

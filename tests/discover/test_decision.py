@@ -267,6 +267,24 @@ def test_a_probability_counts_the_models_outside_the_set_and_the_chance_of_an_al
     assert faint.claims[0].probability == pytest.approx(0.74 * (1.0 - LOUD.p_global))
 
 
+def test_certain_is_what_an_instrument_would_not_win_instead():
+    """Each effect by itself; where only all of them together are, the strongest: no excess is withdrawn."""
+    both = Extension(("line", "dip"), 92.0, 2)
+    held = replace(scored(), names=("before", "line + dip", "edge", "unnamed", "random 1"))
+
+    def said(taken, best=both):
+        made = (Round(LOUD, rounds()[0].comparisons), Round(look(5.0), rounds(best)[-1].comparisons))
+        given = {"worth": (40.0, 50.0), "lost": (("edge",), ("edge",))}
+        found = decide(COUNTS, LOUD, made, QUIET, held, taken=taken, **given)
+        return [(one.effect, one.certain, "edge" in one.alike, one.evidence) for one in found.claims]
+
+    assert said((15.0, 25.0)) == [("dip", True, True, 50.0), ("line", True, True, 40.0)]
+    assert said((15.1, 25.0)) == [("dip", True, True, 50.0), ("line", False, False, 40.0)]
+    assert said((15.1, 25.1, 65.0)) == [("dip", True, True, 50.0), ("line", False, False, 40.0)]
+    assert said((15.1, 25.1, 65.1)) == [("dip", False, False, 50.0), ("line", False, False, 40.0)]
+    assert said((15.0, 25.1, 90.0)) == [("dip", False, False, 50.0), ("line", True, True, 40.0)]
+
+
 def test_what_is_worth_most_stands_first_whenever_it_was_found():
     both = Extension(("line", "dip"), 430.0, 2)
     held = replace(scored(), names=("before", "line + dip", "edge", "unnamed", "random 1"))
