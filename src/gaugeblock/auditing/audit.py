@@ -466,7 +466,7 @@ def audit_draws(
     theta_true: Any,
     draws: ArrayLike | None = None,
     *,
-    x: ArrayLike | None = None,
+    x: Any = None,
     names: Sequence[str] | None = None,
     log_q: ArrayLike | None = None,
     log_q_true: ArrayLike | None = None,
@@ -490,8 +490,9 @@ def audit_draws(
         have the names of these arguments, a Dataset or DataTree of Trials, or an ArviZ object of many fits.
     draws : array ``(trial, draw, parameter)``, or arrays ``(trial, draw, ...)`` by name
         Posterior draws given the data of each trial. An xarray array may have its axes in any order.
-    x : array ``(trial, ...)``, or its name among the truths, optional
-        The data themselves: without them nothing says whether the draws depend on them as they should.
+    x : array ``(trial, ...)``, table, arrays by name, or its name among the truths, optional
+        The data themselves: without them nothing says whether the draws depend on them as they should. Their
+        values are called by a table's columns, an xarray array's coordinates or a dictionary's keys.
     names : sequence of str, optional
         Of the parameters.
     log_q, log_q_true, weight : arrays, optional

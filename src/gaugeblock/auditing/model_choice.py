@@ -36,7 +36,7 @@ def audit_models(
     model_true: ArrayLike,
     *,
     names: Sequence[str] | None = None,
-    x: ArrayLike | None = None,
+    x: Any = None,
     seed: int = 0,
     policy: PolicyLike = "default",
     out: str | os.PathLike[str] | None = None,
@@ -57,7 +57,7 @@ def audit_models(
         The model that made the data: its column, or its name.
     names : sequence of str, optional
         Of the models; by default those of a table's columns, or model_1, model_2 and so on.
-    x : array ``(trial, ...)``, optional
+    x : array ``(trial, ...)``, table or arrays by name, optional
         The data: whether a challenger that looks at them knows more.
     policy
         As for `audit`: its tolerance `models`, and `informed` where there are data. Of what it requires, what

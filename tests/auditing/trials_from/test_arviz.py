@@ -69,8 +69,9 @@ def test_data_are_those_of_the_prior_flat_where_there_are_several() -> None:
     np.testing.assert_array_equal(made({"prior": BOTH, "prior_predictive": image})["x"].values, y)
     # A variable called like a parameter is its truth, and no data.
     flat = np.concatenate([y.reshape(4, 6), z[:, None]], axis=1)
-    found = made({"prior": BOTH, "prior_predictive": several, "observed_data": other})["x"].values
-    np.testing.assert_array_equal(found, flat)
+    found = made({"prior": BOTH, "prior_predictive": several, "observed_data": other})["x"]
+    np.testing.assert_array_equal(found.values, flat)
+    assert found["channel"].values.tolist() == [*(f"y[{i}, {j}]" for i in range(3) for j in range(2)), "z"]
     none = xr.Dataset({"a": (("trial",), z)})
     found = made({"prior": BOTH, "prior_predictive": none, "observed_data": other})["x"].values
     assert found.ravel().tolist() == [7, 8, 9, 10]

@@ -45,6 +45,20 @@ def test_dictionaries_go_by_name_in_the_order_of_the_truths(arrays):
     assert "autocorrelated" not in one.attrs
 
 
+def test_data_keep_the_names_of_their_values(arrays):
+    theta, draws, x, _ = arrays
+    energies = xr.DataArray(x, dims=("trial", "energy"), coords={"energy": [1.0, 2.0, 4.0, 8.0]})
+    by_name = {"flux": x[:, 0], "rest": x[:, 1:]}
+    for data in (energies, energies.T):
+        assert trials_in_hand(theta, draws, x=data)["energy"].values.tolist() == [1.0, 2.0, 4.0, 8.0]
+    trials = trials_in_hand(theta, draws, x=by_name)
+    assert trials["channel"].values.tolist() == ["flux", "rest[0]", "rest[1]", "rest[2]"]
+    np.testing.assert_array_equal(trials["x"].values, x)
+    among = trials_in_hand({"a": theta[:, 0], "y": by_name}, {"a": draws[..., 0]}, x="y", names=["a"])
+    assert among["channel"].values.tolist() == trials["channel"].values.tolist()
+    assert gb.audit_draws(theta, draws, x=energies, progress=False).trials["energy"].size == 4
+
+
 def test_a_variable_of_several_numbers_is_several_parameters(arrays):
     theta, draws, *_ = arrays
     holds(trials_in_hand({"v": theta}, {"v": draws}), theta, draws, ["v[0]", "v[1]"])
