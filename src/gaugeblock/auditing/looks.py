@@ -26,7 +26,7 @@ from gaugeblock.core.foreign import read_json
 from gaugeblock.core.processors import processor
 from gaugeblock.reports.machine import plain
 from gaugeblock.validate.looks import Looks
-from gaugeblock.validate.policy import Policy
+from gaugeblock.validate.policy import Policy, make_policy
 from gaugeblock.validate.storage import block_length
 from gaugeblock.validate.trials import GROUPS, group_trials, main_trials, read_trials
 
@@ -145,6 +145,26 @@ def look_at(
         anew=found["anew"],
         other_policies=max(found["other_policies"], other_policies),
     )
+
+
+def enter_saved(folder: Path, tree: xr.DataTree, record: Mapping[str, Any], looks: Looks) -> None:
+    """Enter an audit that was judged without this folder, so that the next look in it counts that one.
+
+    `record` is its provenance.
+
+    Raises
+    ------
+    InputError
+        If the record of looks is damaged, or cannot be written.
+    """
+    policy = make_policy(record["policy"], source="the audit's policy")
+    if "block" in record["trials"]:
+        look = audit_look(record, policy, seed=record["seed"])
+    else:
+        look = draws_look(tree, policy, seed=record["seed"])
+    there = _read(folder / RECORD).get(look.key, {"looks": []})
+    if look.at not in there["looks"]:
+        look_at(folder, look, known=[{"trials": number} for number in looks.trials[:-1]])
 
 
 def stored_looks(verdict: Mapping[str, Any]) -> Looks:

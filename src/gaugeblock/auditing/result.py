@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import xarray as xr
 
+from gaugeblock.auditing.looks import enter_saved
 from gaugeblock.auditing.provenance import title
 from gaugeblock.auditing.trials_from import to_arviz
 from gaugeblock.core.atomic import discard_unfinished, made_folder, write_atomically
@@ -207,6 +208,8 @@ class Audit(Value):
     def save(self, folder: str | Path) -> Path:
         """Write trials, findings and all reports into a folder, made where missing: what `verify` reads.
 
+        The folder counts it as a look, where this audit is enlarged in it.
+
         Raises
         ------
         InputError
@@ -217,6 +220,7 @@ class Audit(Value):
         record = dict(self.verdict.provenance)
         record["sha256"] = {**dict(record.get("sha256") or {}), "trials": trials}
         replace(self, verdict=replace(self.verdict, provenance=record)).write_reports(made)
+        enter_saved(made, self.trials, record, self.verdict.looks)
         return made
 
     def write_reports(self, folder: Path) -> None:
