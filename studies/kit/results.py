@@ -47,11 +47,19 @@ def record(command: str, seed: int, **more: Any) -> dict[str, Any]:
 def measured(*packages: ModuleType) -> dict[str, str]:
     """Which code a table measures: the commit, `-dirty` if files were changed, and the digest of packages.
 
-    Without git the commit is "".
+    Tables in `results` are no code. Without git the commit is "".
     """
-    describe = ["git", "-C", str(STUDIES), "describe", "--always", "--abbrev=40", "--exclude=*", "--dirty"]
+
+    def git(*command: str) -> str:
+        done = subprocess.run(
+            ["git", "-C", str(STUDIES), *command], capture_output=True, text=True, check=False
+        )
+        return done.stdout.strip()
+
     try:
-        commit = subprocess.run(describe, capture_output=True, text=True, check=False).stdout.strip()
+        commit = git("rev-parse", "--verify", "--quiet", "HEAD")
+        if commit and git("diff", "HEAD", "--name-only", "--", ":/", ":(exclude)results"):
+            commit += "-dirty"
     except OSError:
         commit = ""
     return {"commit": commit, "code": code_of(*packages)}

@@ -39,6 +39,9 @@ def test_code_that_is_measured_is_a_commit_and_what_was_changed_since_is_said(tm
     package.__path__ = [str(folder)]
     folder.mkdir()
     (folder / "a.py").write_text("1\n")
+    (folder / "results").mkdir()
+    (folder / "results" / "table.nc").write_text("1\n")
+    (tmp_path / "beside.py").write_text("1\n")
     monkeypatch.setattr(results, "STUDIES", folder)
     monkeypatch.setenv("GIT_CEILING_DIRECTORIES", str(tmp_path.parent))
     before = measured(package)
@@ -55,6 +58,12 @@ def test_code_that_is_measured_is_a_commit_and_what_was_changed_since_is_said(tm
     git("add", "."), git("commit", "-q", "-m", "one"), git("tag", "-a", "-m", "named", "v1")
     first = measured(package)
     assert first == {"commit": git("rev-parse", "HEAD"), "code": before["code"]}
+    # A table that is made is no code that was changed; a file elsewhere in the repository is.
+    (folder / "results" / "table.nc").write_text("2\n")
+    assert measured(package) == first
+    (tmp_path / "beside.py").write_text("2\n")
+    assert measured(package) == {"commit": first["commit"] + "-dirty", "code": before["code"]}
+    git("checkout", "-q", "beside.py")
     (folder / "a.py").write_text("2\n")
     changed = measured(package)
     assert changed["commit"] == first["commit"] + "-dirty"
