@@ -4,13 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from astropy.io import fits
 from scipy.sparse import csr_array
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.simulators import Effect
 
 pytest.importorskip("jaxspec")
+from astropy.io import fits
+
 from gaugeblock.auditing.discovering import discover, read_measured
 from gaugeblock.discovery import Sources
 from gaugeblock.simulators.xray import XraySpectrum, data, reference

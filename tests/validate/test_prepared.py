@@ -237,9 +237,7 @@ def test_what_is_said_of_the_draws(trials):
     vars(again)["order"] = DrawOrder(2, 49.6)
     order = "draws depend on their order: 6 are worth about 50"
     assert again.caveats == (left_out, f"{order}; every 2th used, from each trial's own start, 3 a trial")
-    assert (
-        again.too_dependent.startswith(f"{order}; 50 are needed: draw more (")
-    )
+    assert again.too_dependent.startswith(f"{order}; 50 are needed: draw more (")
     for enough in (DrawOrder(2, 50.0), DrawOrder(1, 6.0)):
         vars(again)["order"] = enough
         assert again.too_dependent == ""
