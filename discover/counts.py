@@ -284,16 +284,14 @@ class Counts(Engine):
         """Of effects of the source what gain slope, gain offset and a smooth area win instead."""
         best: Profile = rounds[-1].best
         sources = [entry.origin == "source" for entry in best.entries]
-        found = []
-        for at, source in enumerate(sources):
-            rest = best.path[:at] + best.path[at + 1 :]
-            found.append(
-                self._instrument_wins(best, self._with(rounds, rest) if rest else None) if source else 0.0
-            )
-        return (*found, self._instrument_wins(best, None) if any(sources) else 0.0)
+        rests = [best.path[:at] + best.path[at + 1 :] for at in range(len(sources))]
+        every = zip([*rests, ()], [*sources, any(sources)], strict=True)
+        return tuple(self._instrument_wins(rounds, rest) if source else 0.0 for rest, source in every)
 
-    def _instrument_wins(self, best: Profile, without: Profile | None) -> float:
-        """Nats that what floats wins more beside a model, None as it was given, than beside the best."""
+    def _instrument_wins(self, rounds: Sequence[Round], rest: tuple[str, ...]) -> float:
+        """Nats that what floats wins more beside some of the effects, or none, than beside all."""
+        best: Profile = rounds[-1].best
+        without = self._with(rounds, rest) if rest else None
         bare = self.base if without is None else without.fit
         won = bare.objective[0] - best.fit.objective[0]
         left = self._floated(without)[1].objective[0] - self._floated(best)[1].objective[0]
@@ -359,15 +357,14 @@ class Counts(Engine):
         if asked is None:
             return ()
         stated = model.entries[at].parameters["energy"].support
-        return identified(*asked, stretch=1.0 + float(self.sources.redshift[0]), sought=stated)
+        return identified(*asked, stretch=self._stretch, sought=stated)
 
     def within_gain(self, model: Profile, at: int) -> tuple[Identification, ...]:
         """By the same energy; none where the model has a gain of its own."""
         asked = self._asked(model, at)
         if asked is None or has_gain(model.entries):
             return ()
-        stretch = 1.0 + float(self.sources.redshift[0])
-        return within(*asked, gain_reach(asked[0]), stretch=stretch)
+        return within(*asked, gain_reach(asked[0]), stretch=self._stretch)
 
     def explained(
         self, rounds: Sequence[Round], statements: tuple[Statement, ...], places: Sequence[int | None]
@@ -392,17 +389,20 @@ class Counts(Engine):
             )  # fmt: skip
             return there.said()
 
-        stretch = 1.0 + float(self.sources.redshift[0])
         reach = 0.0 if has_gain(model.entries) else gain_reach(band[1]) / max(band[1], 1e-300)
-        return explained(statements, lines, band=band, stretch=stretch, reach=reach, family=family)
+        return explained(statements, lines, band=band, stretch=self._stretch, reach=reach, family=family)
+
+    @property
+    def _stretch(self) -> float:
+        """1 + z of the source."""
+        return 1.0 + float(self.sources.redshift[0])
 
     def _asked(self, model: Profile, at: int) -> tuple[float, tuple[Known, ...], tuple[float, float]] | None:
         """The energy of an effect and the band, as recorded, with what it may be."""
         entry, channels = model.entries[at], energy_channels(self.sources)
         if not len(channels) or not entry.known:
             return None
-        first = model.candidate.simulator.prior.size - sum(len(one.parameters) for one in model.entries[at:])
-        said = self._profiled(model).get(first + list(entry.parameters).index("energy"))
+        said = self._profiled(model).get(model.first(at) + list(entry.parameters).index("energy"))
         energy = model.added[at]["energy"] if said is None else said.value
         edges = self.sources.edges[channels]
         return energy, entry.known, (float(edges.min()), float(edges.max()))

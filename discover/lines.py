@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from scipy.constants import speed_of_light
 
 from gaugeblock.discovery.name.identified import CHANCE
-from gaugeblock.discovery.name.shifted import CAUSES, LEVEL, Measured, harmonics, shifted, together
-from gaugeblock.discovery.result import FamilySaid, FollowerSaid, Identification, Shifted, Statement
+from gaugeblock.discovery.name.shifted import CAUSES, Measured, harmonics, shifted, together
+from gaugeblock.discovery.result import LEVEL, FamilySaid, FollowerSaid, Identification, Shifted, Statement
 from gaugeblock.simulators.library import Known
 
 ABSORBED = "absorption_line"

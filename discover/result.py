@@ -13,6 +13,9 @@ import xarray as xr
 from gaugeblock.simulators.library import LibraryEffect
 from gaugeblock.validate.finding import NotChecked
 
+LEVEL = 1.645
+"""Standard deviations to either side of a 90% interval."""
+
 
 @dataclass(frozen=True)
 class Region:

@@ -22,7 +22,6 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
 from gaugeblock import discovery, simulators
 from gaugeblock.core.progress import Bars
@@ -30,6 +29,7 @@ from studies import nulls
 from studies.hidden.instrument import Instrument
 from studies.hidden.spectrum import gaussian
 from studies.kit.command import carried_out, given_folder, of_a_commit, seeded
+from studies.kit.lines import NEAR, size_of
 from studies.kit.page import table
 from studies.kit.results import clopper_pearson, measured_commit, read, write
 from studies.kit.resume import Pieces, code_of, stream
@@ -45,9 +45,6 @@ COUNTS, NATS = (1e4, 1e5), (40.0, 200.0)
 SIGMA = 0.005
 """Standard deviation of a line, keV: narrower than any detector here resolves."""
 
-NEAR = 0.03
-"""Share of its energy within which a certain line is the one that was planted."""
-
 Array = NDArray[np.float64]
 Rng = np.random.Generator
 
@@ -56,13 +53,8 @@ def planted(energy: float, nats: float, tool: Instrument, mean: Array, inside: N
     """Counts ``(channel,)`` of a narrow line that wins so many nats over a known mean."""
     shape = tool.recorded(lambda at: gaussian(at, energy, SIGMA))[inside]
     shape, known = shape / shape.sum(), np.maximum(mean[inside], 1e-9)
-
-    def won(log: float) -> float:
-        line = np.exp(log) * shape
-        return float(((known + line) * np.log1p(line / known) - line).sum()) - nats
-
     found = np.zeros_like(mean)
-    found[inside] = np.exp(brentq(won, np.log(1e-3), np.log(1e6))) * shape
+    found[inside] = size_of(nats, shape, known) * shape
     return found
 
 

@@ -35,13 +35,14 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
-from scipy import optimize, special
+from scipy import special
 
 from gaugeblock import discovery, simulators
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.progress import Bars
 from gaugeblock.simulators.xray.cross_sections import TBABS, cross_section
 from studies.kit.command import carried_out, given_folder, of_a_commit, seeded
+from studies.kit.lines import NEAR, size_of
 from studies.kit.page import fill, table
 from studies.kit.results import clopper_pearson, measured_commit, read, write
 from studies.kit.resume import Pieces, code_of, stream
@@ -53,9 +54,6 @@ NAMES = (
     *("high_energy_cutoff", "thermal_continuum", "gain_slope", "gain_offset", "gain_curve"),
     *("effective_area", "resolution", "background", "pileup", "reflection", "ionised_absorber"),
 )
-NEAR = 0.03
-"""A line is found where it was planted, to this share of its energy."""
-
 SAID = "stated where it is, not certain"
 
 BACKGROUND = (0.4, 0.6)
@@ -169,12 +167,7 @@ def line(tables: Tables, rng: Rng) -> dict[str, float]:
     smooth = np.convolve(tables.counts, np.ones(2 * reach + 1) / (2 * reach + 1), "same")
     around = np.maximum(smooth[shape > 1e-4], 0.02)
     there = shape[shape > 1e-4]
-
-    def promised(log_size: float) -> float:
-        added = np.exp(log_size) * there
-        return float(((around + added) * np.log1p(added / around) - added).sum() - nats)
-
-    size = float(np.exp(optimize.brentq(promised, 0.0, np.log(1e6))))
+    size = size_of(nats, there, around)
     tables.counts = tables.counts + rng.poisson(size * shape)
     return {"size": size, "energy": energy, "nats": nats, "flux": size / float(seen)}
 

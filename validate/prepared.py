@@ -183,15 +183,16 @@ class Prepared:
     @cached_property
     def order(self) -> DrawOrder:
         """How far draws depend on their order, and on each other."""
-        return draw_order(self._measured()[0], self.copies)
+        return self._dependence[0]
 
-    @cached_property
+    @property
     def copies(self) -> float:
         """Share of pairs of a trial's draws that are copies of each other."""
-        return repeated(*self._measured())
+        return self._dependence[1]
 
-    def _measured(self) -> tuple[NDArray[Any], Array]:
-        """Draws and truths of trials spread over all of them, in which dependence is looked for."""
+    @cached_property
+    def _dependence(self) -> tuple[DrawOrder, float]:
+        """The order and the share of copies, as trials spread over all of them show."""
         n, size = len(self.trial), (self.main.sizes["draw"], self.main.sizes["parameter"])
         chosen = np.zeros(n, dtype=bool)
         chosen[np.argsort(self.trial, kind="stable")[measured_trials(n, size[0] * size[1])]] = True
@@ -200,7 +201,9 @@ class Prepared:
             for rows, part, kept in self._parts()
             if chosen[rows].any()
         ]
-        return np.concatenate(parts or [np.empty((0, *size))]), self.theta_true[chosen]
+        draws = np.concatenate(parts or [np.empty((0, *size))])
+        share = repeated(draws, self.theta_true[chosen])
+        return draw_order(draws, share), share
 
     @property
     def kept_draws(self) -> int:

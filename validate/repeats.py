@@ -13,11 +13,6 @@ from scipy import stats
 
 from gaugeblock.validate.autocorrelation import FALSE_ALARMS
 
-# Odd multipliers that tell rows apart by one number, which wraps around.
-_MULTIPLIERS = np.random.default_rng(0).integers(2**63, size=64, dtype=np.uint64) * np.uint64(2) + np.uint64(
-    1
-)
-
 
 def repeated(draws: ArrayLike, theta_true: ArrayLike) -> float:
     """Share of pairs of draws of one trial that are the same; 0 where truths are draws as often.
@@ -64,11 +59,10 @@ def _groups(values: NDArray[np.generic]) -> tuple[NDArray[np.int64], NDArray[np.
     """
     trials, rows, parameters = values.shape
     bits = (values.astype(float) + 0.0).view(np.uint64)
-    multipliers = _MULTIPLIERS[np.arange(parameters) % len(_MULTIPLIERS)] + np.arange(
-        parameters, dtype=np.uint64
-    )
+    # Odd multipliers tell rows apart by one number, which wraps around.
+    odd = 2 * np.random.default_rng(0).integers(2**63, size=parameters, dtype=np.uint64) + 1
     with np.errstate(over="ignore"):
-        key = ((bits ^ (bits >> np.uint64(29))) * multipliers).sum(axis=2, dtype=np.uint64)
+        key = ((bits ^ (bits >> np.uint64(29))) * odd).sum(axis=2, dtype=np.uint64)
     order = np.argsort(key, axis=1, kind="stable")
     found = np.take_along_axis(key, order, axis=1)
     number = np.cumsum(np.diff(found, axis=1, prepend=found[:, :1]) != 0, axis=1)

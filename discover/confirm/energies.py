@@ -13,6 +13,7 @@ from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.confirm.amplitude import STOPPED, risen
 from gaugeblock.discovery.coordinates import Coordinates
 from gaugeblock.discovery.fitting import TINY, Fit, fit
+from gaugeblock.discovery.name.profiles import firsts
 from gaugeblock.discovery.result import Estimate
 from gaugeblock.simulators.library import LibraryEffect
 from gaugeblock.simulators.protocol import poisson_log_likelihood
@@ -48,12 +49,11 @@ def profiled_energies(
     either side of its best: at the nearest such place, for beyond it a line may take another one's, and at
     the prior's end where there is none. A value to which the fit was stuck gives way to the best.
     """
-    first, found = simulator.prior.size - sum(len(entry.parameters) for entry in entries), {}
-    for entry in entries:
+    found = {}
+    for entry, first in zip(entries, firsts(entries, simulator.prior.size), strict=True):
         for index, name in enumerate(entry.parameters, first):
             if "energy" in entry.energies and name in entry.energies and name != entry.amplitude:
                 found[index] = _profiled(simulator, counts, scale, fitted, index, level)
-        first += len(entry.parameters)
     return found
 
 

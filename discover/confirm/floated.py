@@ -11,6 +11,7 @@ import numpy as np
 from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.name.unnamed import curves
 from gaugeblock.discovery.reshaped import Adapted, Reshaped
+from gaugeblock.discovery.result import LEVEL
 from gaugeblock.simulators.library import LibraryEffect
 from gaugeblock.simulators.marginals import Normal
 from gaugeblock.simulators.prior import Prior
@@ -25,9 +26,6 @@ AREA, BUMPS = 0.02, 8
 
 GAINS = (*GAIN, "gain_curve")
 """Effects that move recorded energies."""
-
-LEVEL = 1.645
-"""Standard deviations of the gain's prior within which it may be said to be."""
 
 FAR = 5.0
 """Prior standard deviations from which on what floats has taken up what the model lacks: no calibration."""

@@ -40,7 +40,7 @@ class Part:
 def effect_part(model: Profile, at: int) -> Part:
     """What the effect at some place of a model's path does in it."""
     entry, prior = model.entries[at], model.candidate.simulator.prior
-    first = prior.size - sum(len(one.parameters) for one in model.entries[at:])
+    first = model.first(at)
     mine = list(range(first, first + len(entry.parameters)))
     theta = model.fit.theta.copy()
     scale = model.fit.expected.sum() / model.candidate.simulator.expected(theta).sum()

@@ -104,8 +104,7 @@ class Family:
         expected without them.
         """
         fit, gone = self.model.fit, list[int]()
-        mean, first = fit.expected[0].copy(), fit.theta.shape[1]
-        first -= sum(len(entry.parameters) for entry in self.model.entries)
+        mean = fit.expected[0].copy()
         places = [
             (one.effect, self._energy / stage.energy * one.energy)
             for stage in self.line.family
@@ -114,9 +113,9 @@ class Family:
         for place, (entry, values) in enumerate(zip(self.model.entries, self.model.added, strict=True)):
             near = any(entry.name == key and abs(values["energy"] - at) <= self.reach for key, at in places)
             if place != self.at and near and values.get("sigma", 0.0) <= self.reach:
+                first = self.model.first(place)
                 gone += range(first, first + len(entry.parameters))
                 mean -= effect_part(self.model, place).change
-            first += len(entry.parameters)
         keep = [i for i in range(fit.theta.shape[1]) if i not in gone]
         return replace(fit, jacobian=fit.jacobian[..., keep], precision=fit.precision[keep]), mean
 
@@ -151,8 +150,7 @@ class Family:
         some more.
         """
         entry, fit, simulator = self.model.entries[self.at], self.model.fit, self.model.candidate.simulator
-        first = fit.theta.shape[1] - sum(len(one.parameters) for one in self.model.entries[self.at :])
-        index = {name: first + i for i, name in enumerate(entry.parameters)}
+        index = {name: i for i, name in enumerate(entry.parameters, self.model.first(self.at))}
         theta = np.repeat(fit.theta, len(energies) + 2, axis=0)
         theta[1, index[entry.amplitude]] = entry.neutral
         if "sigma" in index:

@@ -36,6 +36,10 @@ class Profile(Extension):
     fit: Fit
     entries: tuple[LibraryEffect, ...]
 
+    def first(self, at: int) -> int:
+        """Where in theta the parameters of an effect of the path begin."""
+        return firsts(self.entries, self.fit.theta.shape[1])[at]
+
     @property
     def added(self) -> list[dict[str, float]]:
         """The parameters of every effect of the path, by name."""
@@ -87,11 +91,16 @@ def profile(
 
 def split(entries: Sequence[LibraryEffect], theta: Array) -> list[dict[str, float]]:
     """Values by name of each effect, whose parameters stand in this order at the end of theta."""
-    found, at = [], len(theta) - sum(len(entry.parameters) for entry in entries)
-    for entry in entries:
-        found.append(dict(zip(entry.parameters, map(float, theta[at:]), strict=False)))
-        at += len(entry.parameters)
-    return found
+    return [
+        dict(zip(entry.parameters, map(float, theta[at:]), strict=False))
+        for entry, at in zip(entries, firsts(entries, len(theta)), strict=True)
+    ]
+
+
+def firsts(entries: Sequence[LibraryEffect], size: int) -> list[int]:
+    """Where the parameters of each effect begin, which stand in this order at the end of so many."""
+    ends = np.cumsum([len(entry.parameters) for entry in reversed(entries)], dtype=int)
+    return [size - end for end in reversed(ends.tolist())]
 
 
 def starts(candidate: Candidate, sources: Sources, base: Fit, found: Templates, tested: ScoreTests) -> Array:

@@ -12,7 +12,7 @@ import numpy as np
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.name.identified import CHANCE, COMMON, listed
-from gaugeblock.discovery.result import Identification, Shifted
+from gaugeblock.discovery.result import LEVEL, Identification, Shifted
 from gaugeblock.simulators.library import Known
 
 SHIFTS, FACTORS = 2000, 81
@@ -29,9 +29,6 @@ CAUSES = ("gain", "motion")
 
 HARMONICS = 4
 """Highest multiple of a cyclotron line's energy that is looked for."""
-
-LEVEL = 1.645
-"""Standard errors of a 90% interval."""
 
 SEED = 16
 """Of the shifts."""

@@ -82,18 +82,12 @@ def identified(summary: Mapping[str, Any], instrument: str = "") -> tuple[Line, 
 
 def _recorded(energy: float, summary: Mapping[str, Any], instrument: str) -> float:
     """Where an instrument's channels hold an energy (keV), after the model's gains one after the other."""
-    from gaugeblock.simulators.xray.effects.instrument import PIVOT
+    from gaugeblock.simulators.xray.effects.instrument import recorded
 
     for one in amplitudes(summary):
         value, effect = finite(one.get("value")), str(one.get("effect")).removesuffix(f"[{instrument}]")
-        if value is None:
-            continue
-        if effect == "gain_slope":
-            energy *= value
-        elif effect == "gain_offset":
-            energy += value
-        elif effect == "gain_curve":
-            energy += value * energy * (energy - PIVOT) / PIVOT
+        if value is not None:
+            energy = recorded(effect, value, energy)
     return energy
 
 

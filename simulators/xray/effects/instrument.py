@@ -39,6 +39,21 @@ def _curve(recorded: Any, *, curve: Any) -> Any:
     return 2.0 * recorded / (linear + root)
 
 
+def recorded(effect: str, value: float, energy: float) -> float:
+    """Where a gain of some value records an energy (keV): what `Gain.true_energy` undoes. Others move none.
+
+    >>> recorded("gain_slope", 1.5, 6.0), recorded("gain_offset", 0.5, 6.0), recorded("pileup", 0.1, 6.0)
+    (9.0, 6.5, 6.0)
+    >>> round(recorded("gain_curve", 0.5, 11.8), 9)
+    17.7
+    """
+    if effect == "gain_slope":
+        return value * energy
+    if effect == "gain_offset":
+        return energy + value
+    return energy + value * energy * (energy - PIVOT) / PIVOT if effect == "gain_curve" else energy
+
+
 INSTRUMENT = {
     "gain_slope": EffectKind({"slope": (0.5, 2.0)}, Append("recorded", Gain(_slope))),
     "gain_offset": EffectKind({"offset": ANY}, Append("recorded", Gain(_offset))),
