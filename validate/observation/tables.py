@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
-from gaugeblock.core.arrays import Array, plain
-from gaugeblock.core.errors import InputError, blamed
+from gaugeblock.core.arrays import Array
 from gaugeblock.validate.observation.coordinates import Coordinates
 from gaugeblock.validate.observation.scores import SmoothScores
 from gaugeblock.validate.observation.sets import Sets
+from gaugeblock.validate.summaries import Function, said
 
 DATA, SUMMARIES, FEATURES, FITTED = "data", "summaries", "features", "after fitting"
 # Replicates that agree to the last digit still leave so much of the usual spread.
 LEAST_SPREAD = 0.05
-Function = Callable[[Any], Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +39,7 @@ class Tables:
         """Every family that these data sets have."""
         found = {DATA: self.coordinates(sets.x)}
         if self.summaries is not None:
-            found[SUMMARIES] = said(self.summaries, sets, "summaries")
+            found[SUMMARIES] = said(self.summaries, sets.x, "summaries")[0]
         if sets.embedded is not None:
             found[FEATURES] = np.asarray(sets.embedded, dtype=float).reshape(len(sets), -1)
         if sets.replicated is not None:
@@ -60,21 +57,3 @@ class Tables:
         flat = self.values(self.coordinates(made.reshape(-1, *made.shape[2:])))
         scores = flat.reshape(*made.shape[:2], -1)
         return scores.mean(axis=1), scores.std(axis=1, ddof=1)
-
-
-def said(function: Function, sets: Sets, name: str) -> Array:
-    """What a function of the user's says of each data set, ``(n, k)``.
-
-    Raises
-    ------
-    InputError
-        If it fails, or gives anything but finite numbers for each.
-    """
-    with blamed(name, f"data of shape {sets.x.shape}"):
-        made = plain(function(sets.x), what=name)
-    if made.shape[:1] != (len(sets),) or not np.isfinite(made).all():
-        raise InputError(
-            f"{name}: gave shape {made.shape} for {len(sets)} data sets; it must give finite numbers, (n,) "
-            "or (n, k)"
-        )
-    return made.reshape(len(made), -1)

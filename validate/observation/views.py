@@ -21,7 +21,8 @@ from gaugeblock.validate.observation.coordinates import Coordinates
 from gaugeblock.validate.observation.expectation import LEVEL_FROM, Expectation, Residuals
 from gaugeblock.validate.observation.scores import NormalScores, SmoothScores, squares
 from gaugeblock.validate.observation.sets import Sets
-from gaugeblock.validate.observation.tables import DATA, FITTED, Function, Tables, said
+from gaugeblock.validate.observation.tables import DATA, FITTED, Tables
+from gaugeblock.validate.summaries import Function, said
 
 NEIGHBOURS = 5
 # Parts of a data set whose means are compared with a sign.
@@ -264,7 +265,7 @@ class Views:
 
 
 def _one(function: Function, sets: Sets, name: str) -> Array:
-    made = said(function, sets, f"the view {name}")
+    made, _ = said(function, sets.x, f"the view {name}")
     if made.shape[1] != 1:
         raise InputError(f"the view {name} gives {made.shape[1]} numbers for a data set; it must give one")
     return made[:, 0]

@@ -22,7 +22,7 @@ from gaugeblock.auditing.config import AuditConfig, PolicyLike, TrialsTable, as_
 from gaugeblock.auditing.diagnosing import derived_diagnosis, with_diagnosis
 from gaugeblock.auditing.estimator_from import as_estimator
 from gaugeblock.auditing.explain import explained
-from gaugeblock.auditing.identity import identity, versions
+from gaugeblock.auditing.identity import function_identity, identity, versions
 from gaugeblock.auditing.kept_seed import kept_seed
 from gaugeblock.auditing.ledger import Entry, check_ledger, entered
 from gaugeblock.auditing.looks import audit_look, draws_look, earlier_trials, look_at, stored_looks
@@ -59,6 +59,7 @@ from gaugeblock.validate import Outcome, Policy, run_validators
 from gaugeblock.validate import judge as judged
 from gaugeblock.validate.findings_file import read_findings
 from gaugeblock.validate.looks import Looks
+from gaugeblock.validate.summaries import Function, with_summaries
 from gaugeblock.validate.trials import POSTERIOR, add_group, read_trials, trials_tree
 from gaugeblock.validate.validators import check_validators, default_validators
 
@@ -79,6 +80,7 @@ def audit(
     baseline: str | os.PathLike[str] | None = None,
     progress: Progress | bool | None = None,
     validators: Iterable[str] | None = None,
+    summaries: Function | None = None,
     densities: bool | None = None,
     ledger: str | os.PathLike[str] | None = None,
     release: bool = False,
@@ -126,6 +128,9 @@ def audit(
         None: bars in a terminal and in a notebook.
     validators : names, optional
         Which to run; all by default.
+    summaries : function, optional
+        From data ``(n, *data_shape)`` to up to 64 numbers ``(n, k)``, the flow's own embedding for instance:
+        challengers learn from them beside x, and regions lie along them.
     densities : bool, optional
         Whether to ask another library's object for the density of its draws. None: where the simulator has a
         likelihood, which makes it worth its time.
@@ -154,6 +159,8 @@ def audit(
     earlier = None if baseline is None else read_baseline(Path(baseline))
     if anytime:
         table = table.model_copy(update={"anytime": True})
+    if summaries is not None and table.anytime:
+        raise InputError("summaries: are no part of an anytime audit, which learns as it goes; leave out one")
     observed = read_observation(table.observation if observation is None else observation)
     begin = _begun(
         estimator,
@@ -170,6 +177,7 @@ def audit(
         side_by_side=executor is not None,
         alone=True,
         commitment=commitment,
+        summaries=summaries,
     )
     with begin as run:
         simulated, estimating, plan, folder, tell = (
@@ -181,7 +189,7 @@ def audit(
         )
         subjects, entry = run.subjects, run.entry
         watch = Watch(rules, plan.seed) if table.anytime else None
-        made = _trials_record(plan, table)
+        made = _trials_record(plan, table, summaries)
         same = {**subjects, "trials": made}
         if observed is not None:
             fitting(simulated, observed.data, seed=plan.seed)
@@ -200,6 +208,8 @@ def audit(
             allow_mixed=allow_mixed,
         )
         made_on = kinds(folder / CHUNKS / work, mixed=allow_mixed)
+        if summaries is not None:
+            tree = with_summaries(tree, summaries)
         if observed is not None:
             tell("around the observation", 0, 1)
             around = trials_around(simulated, estimating, observed.data, seed=plan.seed, block=plan.block)
@@ -390,6 +400,7 @@ def _begun(
     release: bool = False,
     progress: Progress | bool | None = None,
     commitment: tuple[Path, Path | None] | None = None,
+    summaries: Function | None = None,
 ) -> Iterator[_Run]:
     """An audit about to begin, entered in its ledger; what it holds open ends with the block."""
     if hasattr(estimator, "simulate") and not hasattr(estimator, "sample"):
@@ -441,7 +452,7 @@ def _begun(
         check_fresh(estimating, plan.seed)
         entry = None
         if ledger is not None:
-            about = {**subjects, "trials": _trials_record(plan, table)}
+            about = {**subjects, "trials": _trials_record(plan, table, summaries)}
             entry = entered(Path(ledger), about, rules, release=release)
             plan = replace(plan, seed=entry.seed)
         yield _Run(
@@ -457,9 +468,14 @@ def _begun(
         )
 
 
-def _trials_record(plan: Plan, table: TrialsTable) -> dict[str, Any]:
+def _trials_record(plan: Plan, table: TrialsTable, summaries: Function | None) -> dict[str, Any]:
     """How trials are made, for provenance, and for the records of looks."""
-    return {**vars(plan), **({"anytime": True} if table.anytime else {})}
+    asked = {"anytime": True} if table.anytime else {}
+    return {
+        **vars(plan),
+        **asked,
+        **({} if summaries is None else {"summaries": function_identity(summaries)}),
+    }
 
 
 def audit_draws(
@@ -478,6 +494,7 @@ def audit_draws(
     baseline: str | os.PathLike[str] | None = None,
     progress: Progress | bool | None = None,
     validators: Iterable[str] | None = None,
+    summaries: Function | None = None,
     command: str = "",
 ) -> Audit:
     """Judge draws in hand: run what they allow, and list what they do not.
@@ -516,6 +533,8 @@ def audit_draws(
         tree = trials_tree(
             trials_in_hand(theta_true, draws, names=names, autocorrelated=autocorrelated, **arrays)
         )
+    if summaries is not None:
+        tree = with_summaries(tree, summaries)
     file = theta_true if isinstance(theta_true, str | os.PathLike) else None
     record = {} if file is None else {"file": str(file), "file_sha256": file_digest(Path(file))}
     folder = None if out is None else made_folder(out)

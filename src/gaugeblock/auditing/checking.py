@@ -35,10 +35,11 @@ from gaugeblock.validate.observation.generic import Tried, compared
 from gaugeblock.validate.observation.ladder import Seen, share, smallest_seen
 from gaugeblock.validate.observation.planted import Discrepancy, Scale, possible
 from gaugeblock.validate.observation.ranking import groups, p_values_against, ranked
-from gaugeblock.validate.observation.tables import DATA, Function
+from gaugeblock.validate.observation.tables import DATA
 from gaugeblock.validate.observation.together import FURTHER, Together
 from gaugeblock.validate.observation.views import WAYS, Rows, Views
 from gaugeblock.validate.observation.where import Where, located
+from gaugeblock.validate.summaries import Function
 
 LEVEL = 0.05
 SEES: Mapping[str, float] = {"noise": 1.0, "component": 5.0}

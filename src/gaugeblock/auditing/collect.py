@@ -41,6 +41,7 @@ from gaugeblock.estimators.protocol import Estimator, devices, has_density, untr
 from gaugeblock.simulators.prior import HasPriorDensity
 from gaugeblock.simulators.protocol import HasLikelihood, Simulator
 from gaugeblock.validate.storage import open_groups, read_groups, write_groups
+from gaugeblock.validate.summaries import without_summaries
 from gaugeblock.validate.trials import IMPORTANCE, JOINT, group_trials, main_trials, trials_tree
 
 MAIN, DRAWN, DENSITIES = "trials", "importance draws", "densities"
@@ -152,7 +153,7 @@ def _known(earlier: xr.DataTree | None, estimator: Estimator) -> Iterator[tuple[
     if earlier is None or untrusted(estimator):
         return
     groups = {WEIGHING: group_trials(earlier, IMPORTANCE), LIKELIHOOD: group_trials(earlier, JOINT)}
-    yield MAIN, main_trials(earlier)
+    yield MAIN, without_summaries(main_trials(earlier))
     yield from ((what, trials) for what, trials in groups.items() if trials is not None)
 
 

@@ -16,8 +16,9 @@ FORMAT = 2
 DIGESTED = ("simulator", "estimator", "policy")
 # Of how many trials there are further draws, and likelihoods.
 PARTS = ("importance_number", "joint_number")
-# What of a plan may be otherwise at the next look at an audit: more trials begin with those that there are.
-ENLARGED = ("number", "used", *PARTS)
+# What may be otherwise at the next look at an audit: more trials begin with those that there are, and what is
+# said of their data decides none of them.
+ENLARGED = ("number", "used", "summaries", *PARTS)
 
 
 def named(choice: object) -> dict[str, Any]:
@@ -69,14 +70,15 @@ def settings(trials: Mapping[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in trials.items() if key not in ENLARGED}
 
 
-def sizes(trials: Mapping[str, Any]) -> dict[str, int]:
-    """What of an audit's trials makes one look at it: how many there are, and of how many the rest is.
+def sizes(trials: Mapping[str, Any]) -> dict[str, Any]:
+    """What of an audit's trials makes one look at it: how many, of how many the rest is, which summaries.
 
     >>> sizes({"number": 4000, "block": 200, "seed": 1, "joint_number": 1000})
     {'trials': 4000, 'joint_number': 1000}
     """
     parts = {name: int(trials[name]) for name in PARTS if name in trials}
-    return {"trials": int(trials.get("used", trials["number"])), **parts}
+    said = {"summaries": digest(trials["summaries"])} if "summaries" in trials else {}
+    return {"trials": int(trials.get("used", trials["number"])), **parts, **said}
 
 
 def digests(record: Mapping[str, Any]) -> dict[str, str]:
