@@ -15,6 +15,7 @@ import gaugeblock as gb
 from gaugeblock.auditing.result import Audit
 from gaugeblock.auditing.verify import verify
 from gaugeblock.core.errors import InputError
+from gaugeblock.validate import summaries
 
 PRIOR = [stats.norm()]
 SMALL = {"number": 40, "draws": 20, "block": 20, "seed": 7}
@@ -76,8 +77,8 @@ def test_draws_in_hand_take_them_too() -> None:
         "progress": False,
     }
     outcomes = []
-    for summaries in (None, product, lambda x: pd.DataFrame({"together": product(x)})):
-        found = gb.audit_draws(theta, the_prior(x, 50, rng), x=x, summaries=summaries, **options)
+    for function in (None, product, lambda x: pd.DataFrame({"together": product(x)})):
+        found = gb.audit_draws(theta, the_prior(x, 50, rng), x=x, summaries=function, **options)
         outcomes.append(found)
     assert outcomes[0].outcome.value != "FAIL"
     assert [found.outcome.value for found in outcomes[1:]] == ["FAIL", "FAIL"]
@@ -148,7 +149,7 @@ def test_an_embedding_is_known_by_its_weights(tmp_path: Path, bound: bool) -> No
 
 
 @pytest.mark.parametrize(
-    ("summaries", "said"),
+    ("function", "words"),
     [
         (lambda x: x[:3], r"summaries: gave shape \(3, 12\) for 40 data sets; it must give finite numbers"),
         (lambda x: x / 0.0, "it must give finite numbers"),
@@ -157,9 +158,22 @@ def test_an_embedding_is_known_by_its_weights(tmp_path: Path, bound: bool) -> No
     ],
 )
 @pytest.mark.filterwarnings("ignore:divide by zero")
-def test_what_cannot_be_used_is_one_line(summaries: Any, said: str) -> None:
-    with pytest.raises(InputError, match=said):
-        audited(summaries=summaries)
+def test_what_cannot_be_used_is_one_line(function: Any, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        audited(summaries=function)
+
+
+def test_large_data_are_read_some_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+
+    def product_of_some(x: np.ndarray) -> np.ndarray:
+        asked.append(len(x))
+        return product(x)
+
+    monkeypatch.setattr(summaries, "block_length", lambda values: 15 if values == 12 else 1)
+    found = audited(summaries=product_of_some)
+    assert asked == [15, 15, 10]
+    np.testing.assert_array_equal(found.trials["summary_1"], product(found.trials["x"].values))
 
 
 def test_sixty_four_are_taken() -> None:
