@@ -22,6 +22,7 @@ from gaugeblock.simulators.linear_gaussian import LinearGaussian
 from gaugeblock.simulators.marginals import Normal, Uniform
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.validate import Outcome, Verdict, make_trials
+from gaugeblock.validate.summaries import with_summaries
 from studies.error_rates.audits import audited, collected, plan
 from studies.error_rates.boundary import Moved
 from studies.error_rates.policies import DEFAULT
@@ -34,6 +35,8 @@ from studies.informed.problems import hidden_product
 TRIALS = 1000
 MANY = 1000
 """Draws, where a fault is one that many of them make smaller."""
+ENOUGH = 400
+"""Draws that resolve intervals of 0.99."""
 MODELS = 10_000
 """Trials of model probabilities, which cost no draws."""
 
@@ -43,6 +46,8 @@ Case = Callable[[int], Verdict]
 # Two parameters, each with a channel, and four channels of nothing; posterior sd sqrt(1/2).
 TWO = LinearGaussian(matrix=np.eye(6, 2), noise=1.0)
 BRIGHTEST = 0.02
+KEPT = 0.98
+"""Central mass of each parameter that draws without tails keep."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +67,27 @@ class Displaced:
     def log_prob(self, theta: ArrayLike, x: ArrayLike) -> Array:
         """Log density of the draws, ``(batch, n)``."""
         return TWO.posterior_log_prob(np.asarray(theta) - self._away(x), x)
+
+
+@dataclass(frozen=True)
+class Trimmed:
+    """The exact posterior of `TWO` without its tails: nothing beyond the central 98% of either parameter."""
+
+    def sample(self, x: ArrayLike, n: int, rng: Rng) -> Array:
+        """Draws, ``(batch, n, 2)``."""
+        level = (1 - KEPT) / 2 + KEPT * rng.random((len(np.asarray(x)), n, 2))
+        return np.asarray(_posterior_mean(x) + np.sqrt(0.5) * special.ndtri(level))
+
+    def log_prob(self, theta: ArrayLike, x: ArrayLike) -> Array:
+        """Log density of the draws, ``(batch, n)``."""
+        away = np.abs(np.asarray(theta) - _posterior_mean(x)) / np.sqrt(0.5)
+        inside = (away <= special.ndtri((1 + KEPT) / 2)).all(axis=-1)
+        return np.where(inside, TWO.posterior_log_prob(theta, x) - 2 * np.log(KEPT), -np.inf)
+
+
+def _posterior_mean(x: ArrayLike) -> Array:
+    """Of `TWO`, ``(batch, 1, 2)``: prior and noise are alike."""
+    return np.asarray(x)[:, None, :2] / 2
 
 
 def halves(x: Array) -> Array:
@@ -167,24 +193,41 @@ def cases() -> dict[str, Case]:
         "the prior, in draws without data": _draws_alone(*known["prior as posterior"].build()),
         "the prior, of a wave of any phase": _whole(Wave(), PriorAlone(Wave.prior)),
         "the prior, whose sign three inputs of 20 tell": _whole(Signs(), PriorAlone(Signs.prior)),
+        "the same, their product given as a summary": _whole(
+            Signs(), PriorAlone(Signs.prior), summaries=product
+        ),
         "correlations dropped": _whole(*known["correlations dropped"].build()),
         "right marginals, wrong joint": _whole(*known["wrong joint, right marginals"].build()),
         "sign of the product of three parameters ignored": _product,
         "+-0.3 sd in two halves of the data": _whole(TWO, Displaced(halves)),
         "narrow in bright data, wide in faint": _whole(*known["wrong when bright"].build()),
         "2 sd in the brightest 2%": _whole(TWO, Displaced(brightest)),
+        "nothing beyond the central 98%": _whole(TWO, Trimmed()),
+        f"the same, {ENOUGH} draws": _whole(TWO, Trimmed(), draws=ENOUGH),
         "the truth leaked into x": _whole(*leaked()),
         "the truth leaked, not in x": _whole(*leaked(), unseen=2),
         "the truth's sign known, not in x": _whole(leaky, Sided(leaky), unseen=1),
         "log density off by 0.5": _whole(*known["log density off by 0.5"].build()),
         "the same random numbers in every trial": _whole(*known["fixed seed"].build()),
-        f"the same, {MANY:,} draws": _whole(*known["fixed seed"].build(), draws=MANY),
+        f"the same random numbers, {MANY:,} draws": _whole(*known["fixed seed"].build(), draws=MANY),
         f"prior odds of two models, {MODELS:,} trials": lambda seed: _models(seed, *prior_odds(seed)),
         f"0.2 too high and too low in halves, {MODELS:,} trials": lambda seed: _models(seed, *balanced(seed)),
     }
 
 
-def _whole(simulator: Any, estimator: Any, *, draws: int = DRAWS, unseen: int = 0) -> Case:
+def product(x: Array) -> Array:
+    """The sign of the first three inputs' product, which tells that of the only parameter of `Signs`."""
+    return np.asarray(np.sign(x[:, :3]).prod(axis=1))
+
+
+def _whole(
+    simulator: Any,
+    estimator: Any,
+    *,
+    draws: int = DRAWS,
+    unseen: int = 0,
+    summaries: Callable[[Array], Array] | None = None,
+) -> Case:
     """A whole audit; the last values of x, as many as are `unseen`, are not kept in its trials."""
 
     def judged(seed: int) -> Verdict:
@@ -192,6 +235,8 @@ def _whole(simulator: Any, estimator: Any, *, draws: int = DRAWS, unseen: int = 
         if unseen:
             kept = trials.to_dataset().isel(channel=slice(-unseen))
             trials = xr.DataTree.from_dict({**trials.to_dict(), "/": kept})
+        if summaries is not None:
+            trials = with_summaries(trials, summaries)
         return audited(trials, DEFAULT, seed).verdict
 
     return judged
