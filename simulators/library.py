@@ -60,7 +60,8 @@ class Stage:
 class Known:
     """A line or edge with a name, at some energy (keV at rest); `rank` 0 is the commonest.
 
-    `family` is what comes with it, by ionisation, neutral first.
+    `family` is what comes with it, by ionisation, neutral first; `blend` are lines beside it, by name and
+    energy, which few detectors tell from it: who measures a distance to it measures it to the nearest.
     """
 
     name: str
@@ -68,6 +69,7 @@ class Known:
     rank: int
     frame: Frame = field(default="source", kw_only=True)
     family: tuple[Stage, ...] = field(default=(), kw_only=True)
+    blend: tuple[tuple[str, float], ...] = field(default=(), kw_only=True)
 
 
 def _one(effect: str, parameter: str, given: Any) -> Any:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -87,9 +88,10 @@ def within(
     """Common known lines that would be recorded within a reach (keV) of an energy, whatever their chance.
 
     Of each rank up to `COMMON` the nearest, the nearest first, and of the detector's own only where there is
-    none of the source; arguments are those of `identified`.
+    none of the source; arguments are those of `identified`. A line that has others beside it, in a blend,
+    stands for the nearest of them.
     """
-    common = [one for one in known if one.rank <= COMMON]
+    common = [_nearest(one, energy, stretch) for one in known if one.rank <= COMMON]
     rank = {one.name: one.rank for one in common}
     found = identified(energy, common, band, stretch=stretch, most=1.0)
     near = sorted(
@@ -99,6 +101,11 @@ def within(
     for one in [one for one in near if one.frame != "detector"] or near:
         nearest.setdefault(rank[one.name], one)
     return tuple(nearest.values())
+
+
+def _nearest(one: Known, energy: float, stretch: float) -> Known:
+    every = (one, *(replace(one, name=name, energy=at) for name, at in one.blend))
+    return min(every, key=lambda line: abs(recorded_at(line, stretch) - energy))
 
 
 def _covered(places: Array, reach: Array, width: float) -> float:

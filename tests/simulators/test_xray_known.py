@@ -114,6 +114,31 @@ def test_ions_between_those_of_the_tables_lie_where_they_were_measured():
     assert lines["Ti XXI resonance line"] == pytest.approx(4749.6, abs=1.0)
 
 
+def test_triplets_of_helium_like_ions_lie_where_they_were_measured():
+    """Porquet & Dubau 2000 (C to Si, wavelengths of y and z in Angstrom); NIST (S to Ni, eV)."""
+    blends = {one.name.rsplit(" ", 2)[0]: one for one in emission_lines() if one.blend}
+    assert len(blends) == len(IONS)
+    angstrom = {
+        "C V": (40.728, 41.472), "N VI": (29.084, 29.534), "O VII": (21.807, 22.101),
+        "Ne IX": (13.553, 13.699), "Mg XI": (9.2312, 9.3143), "Si XIII": (6.6882, 6.7403),
+    }  # fmt: skip
+    for ion, wavelengths in angstrom.items():
+        energies = [at for _, at in blends[ion].blend]
+        np.testing.assert_allclose(energies, 12.39842 / np.array(wavelengths), rtol=5e-4)
+    for ion, energies in {"S XV": (2447.1, 2430.3), "Fe XXV": (6667.5, 6636.6)}.items():
+        np.testing.assert_allclose([1e3 * at for _, at in blends[ion].blend], energies, atol=0.2)
+    for ion, one in blends.items():
+        assert [name for name, _ in one.blend] == [f"{ion} intercombination line", f"{ion} forbidden line"]
+        assert one.energy > one.blend[0][1] > one.blend[1][1]
+    # Distances within a triplet grow smoothly with the nucleus' charge, the interpolated ones' too.
+    away = np.array([[one.energy - at for _, at in one.blend] for one in blends.values()])
+    z = np.arange(6, 29)
+    for column in away.T:
+        assert np.abs(column - np.polyval(np.polyfit(z, column, 3), z)).max() < 5e-4
+    # What is forbidden absorbs nothing.
+    assert not any(one.blend for one in absorption_lines())
+
+
 def test_rare_elements_are_those_with_less_than_one_atom_in_ten_million(xray_data):
     path = pytest.importorskip("gaugeblock.simulators.xray.data").path("abundances.dat")
     rows = [line.split() for line in Path(path).read_text(encoding="utf-8").splitlines()]

@@ -8,6 +8,7 @@ hydrogen. A name of a higher rank is worth less, and `gaugeblock.discovery.name.
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -29,6 +30,14 @@ _HELIUM_LIKE = {
     "Ni": 7.8059,
 }  # fmt: skip
 """The resonance line 1s2 - 1s2p 1P1. Drake (1988), Can. J. Phys. 66, 586."""
+
+_TRIPLET = {
+    "C": (0.30444, 0.29896), "N": (0.42629, 0.41986), "O": (0.56862, 0.56098), "Ne": (0.91484, 0.90508),
+    "Na": (1.1187, 1.1078), "Mg": (1.34310, 1.33112), "Al": (1.58813, 1.57498), "Si": (1.85378, 1.83945),
+    "S": (2.44714, 2.43034), "Ar": (3.12352, 3.10410), "Ca": (3.88340, 3.86114), "Fe": (6.66755, 6.63659),
+    "Ni": (7.7657, 7.7316),
+}  # fmt: skip
+"""The intercombination line 1s2 - 1s2p 3P1 and the forbidden one, 1s2 - 1s2s 3S1, of the same paper."""
 
 _IONS = {
     "C": 6, "N": 7, "O": 8, "F": 9, "Ne": 10, "Na": 11, "Mg": 12, "Al": 13, "Si": 14, "P": 15, "S": 16,
@@ -95,19 +104,27 @@ def _lyman_alpha(charge: int) -> float:
 @cache
 def _ions() -> tuple[Known, ...]:
     """Of every element from carbon to nickel. Between those of the tables what Dirac lacks (the Lamb shift,
-    and the other electron's screening) is interpolated: each of them is found from the others within an eV.
+    and the other electron's screening) is interpolated, and so are the distances within helium-like triplets:
+    each of them is found from the others within an eV.
     """
     from scipy.interpolate import CubicSpline
 
     found = []
+    beside = CubicSpline(
+        [_IONS[one] for one in _TRIPLET],
+        [_HELIUM_LIKE[one] - np.array(energies) for one, energies in _TRIPLET.items()],
+    )
     for table, line, missing in ((_HYDROGEN_LIKE, "Lyman alpha", 0), (_HELIUM_LIKE, "resonance line", 1)):
         root = [np.sqrt(energy / _lyman_alpha(_IONS[one])) for one, energy in table.items()]
         charges = np.array([_IONS[one] for one in table])
         screened = CubicSpline(charges, charges * (1.0 - np.array(root)))
         for element, charge in _IONS.items():
             own = _lyman_alpha(charge) * (1.0 - float(screened(charge)) / charge) ** 2
-            name = f"{element} {_roman(charge - missing)} {line}"
-            found.append(Known(name, table.get(element, round(own, 4)), _rank(element)))
+            ion, energy = f"{element} {_roman(charge - missing)}", table.get(element, round(own, 4))
+            lower = _TRIPLET.get(element, np.round(energy - beside(charge), 4).tolist())
+            names = (f"{ion} intercombination line", f"{ion} forbidden line")
+            blend = tuple(zip(names, lower, strict=True)) if missing else ()
+            found.append(Known(f"{ion} {line}", energy, _rank(element), blend=blend))
     return tuple(found)
 
 
@@ -163,8 +180,8 @@ def emission_lines(instrument: str | None = None) -> tuple[Known, ...]:
 
 
 def absorption_lines() -> tuple[Known, ...]:
-    """What an absorption line may be."""
-    return _ions()
+    """What an absorption line may be: what is forbidden absorbs nothing."""
+    return tuple(replace(one, blend=()) for one in _ions())
 
 
 def absorption_edges(instrument: str | None = None) -> tuple[Known, ...]:

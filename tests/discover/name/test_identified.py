@@ -110,6 +110,19 @@ def test_within_reach_are_common_lines_as_recorded_whatever_their_chance():
     assert within(2.05, known, (1.0, 6.0), 0.02, stretch=2.0) == ()
 
 
+def test_of_a_blend_the_nearest_line_is_told():
+    """A triplet at rest at 4, 3.96 and 3.9, seen at twice the wavelength."""
+    triplet = Known("r", 4.0, 1, blend=(("i", 3.96), ("f", 3.9)))
+    for energy, name, shift in ((2.01, "r", 10), (1.991, "r", -9), (1.981, "i", 1), (1.949, "f", -1)):
+        (found,) = within(energy, (triplet,), (1.0, 6.0), 0.02, stretch=2.0)
+        assert (found.name, round(found.shift_ev)) == (name, shift)
+    assert within(1.92, (triplet,), (1.0, 6.0), 0.02, stretch=2.0) == ()
+    # A name by chance has the first of them alone.
+    assert identified(3.96, (triplet,), (1.0, 6.0)) == ()
+    silicon = within(1.853, emission_lines(), (0.5, 8.0), 0.03)
+    assert [one.name for one in silicon] == ["Si XIII intercombination line"]
+
+
 def test_circinus_iron_is_told_with_its_shift():
     iron = within(6.431, emission_lines(), (3.0, 10.0), 0.107, stretch=1.001448)[0]
     assert (iron.name, round(iron.shift_ev)) == ("Fe K alpha", 39)
