@@ -1,7 +1,7 @@
 """Real counts with a fault planted in them, and real counts without: does the headline hold the answer?
 
     python -m studies planted FOLDER [--workers N]   # FOLDER as of studies.measured; figures alone are kept
-    python -m studies planted --page                 # docs/measured.md of results/planted.nc; runs nothing
+    python -m studies planted --page                 # docs/measured.md of results/planted*.nc; runs nothing
 
 Eight spectra of five instruments that their models describe are thinned, each case by a lot of its own: what
 is left are Poisson counts of a shorter observation. That is a control. In the same counts one fault is
@@ -22,6 +22,7 @@ from __future__ import annotations
 
 import argparse
 import gzip
+import json
 import sys
 import tempfile
 import time
@@ -46,7 +47,7 @@ from studies.kit.lines import NEAR, size_of
 from studies.kit.page import fill, table
 from studies.kit.results import clopper_pearson, measured_commit, read, write
 from studies.kit.resume import Pieces, code_of, stream
-from studies.measured import scored
+from studies.measured import CONTROLS, scored
 
 NAME = "studies planted"
 NAMES = (
@@ -61,6 +62,12 @@ BACKGROUND = (0.4, 0.6)
 
 STRONG = 50.0
 """A case is strong if Cash's statistic of its best fit is that much above the number of bins: 25 nats."""
+
+SETS = ("planted-first", "planted-second", "planted-third", "planted")
+"""Sets that were drawn and opened, each once; the last one is what a run leaves."""
+
+ALIKE = ("planted-third", "planted")
+"""Those that were drawn as the study draws them now."""
 
 MEASURED = {"emission_line": "norm", "gain_slope": "slope"}
 """Amplitudes that are the same number as what was planted. A trapezoid of the area is no Gaussian, and a real
@@ -111,8 +118,6 @@ class Tables:
 
 def bases(folder: Path | None) -> dict[str, Base]:
     """The spectra, by name; those of NGC 7793 alone without a folder."""
-    import json
-
     from gaugeblock.simulators.xray import data
 
     found = {}
@@ -487,9 +492,43 @@ def shown(made: xr.Dataset) -> str:
         return text
     told = []
     for words, held, number in intervals(made):
-        low, high = clopper_pearson(held, number) if number else (0.0, 1.0)
-        told.append(f"{words}: {held} of {number} ({low:.0%} to {high:.0%})")
+        told.append(f"{words}: {of(held, number)}")
     return f"{text} 90% intervals that hold what was planted, less what the control has: {'; '.join(told)}."
+
+
+def headlines(rows: Mapping[str, Mapping[str, Any]], sets: Mapping[str, xr.Dataset]) -> str:
+    """Strong cases with a right headline, controls with nothing certain, cases with anything certain and wrong.
+
+    `rows` are the cases with known answers (`studies.measured`), `sets` those of this study, by what they are
+    called.
+    """
+    strong = [row for row in rows.values() if row["kind"] not in CONTROLS]
+    sound = [row for row in rows.values() if row["kind"] in CONTROLS]
+    counted = {
+        "twelve with known answers": (
+            (sum(row["right"] for row in strong), len(strong)),
+            (sum(not row["certain"] for row in sound), len(sound)),
+            (sum(bool(row["beside"] or row["rejected"]) for row in rows.values()), len(rows)),
+        )
+    }
+    for name, made in sets.items():
+        control = made["fault"].values == "control"
+        loud = ~control & ((made["statistic"] - made["bins"]).values >= STRONG)
+        certain = [found.split() for found in made["certain"].values]
+        wrong = [
+            any(one not in (fault, *(FAULTS[fault].tolerated if fault in FAULTS else ())) for one in said)
+            for fault, said in zip(made["fault"].values, certain, strict=True)
+        ]
+        counted[name] = (
+            (int(made["right"].values[loud].sum()), int(loud.sum())),
+            (sum(not one for one, quiet in zip(certain, control, strict=True) if quiet), int(control.sum())),
+            (sum(wrong), len(wrong)),
+        )
+    counted["together"] = tuple(
+        tuple(map(sum, zip(*column, strict=True))) for column in zip(*counted.values(), strict=True)
+    )
+    heads = ["cases", "strong: headline right", "controls: nothing certain", "anything certain and wrong"]
+    return table(heads, [[name, *(of(*pair) for pair in three)] for name, three in counted.items()])
 
 
 def _held(part: xr.Dataset) -> NDArray[np.bool_]:
@@ -500,9 +539,26 @@ def _held(part: xr.Dataset) -> NDArray[np.bool_]:
 
 def _rate(part: xr.Dataset, found: NDArray[np.bool_] | None = None) -> str:
     """Of these cases those that are right, or of which something else was found."""
-    right, number = int((part["right"].values if found is None else found).sum()), part.sizes["row"]
-    low, high = clopper_pearson(right, number)
+    return of(int((part["right"].values if found is None else found).sum()), part.sizes["row"])
+
+
+def of(right: int, number: int) -> str:
+    """A rate with its exact 95% limits."""
+    low, high = clopper_pearson(right, number) if number else (0.0, 1.0)
     return f"{right} of {number} ({low:.0%} to {high:.0%})"
+
+
+def document(out: Path, page: Path) -> None:
+    """Fill the page from what is stored."""
+    files = {name: out / f"{name}.nc" for name in SETS}
+    sets = {name: read(file) for name, file in files.items() if file.exists()}
+    blocks = {f"measured {name}": shown(made) for name, made in sets.items()}
+    if (out / "measured.json").exists():
+        rows = json.loads((out / "measured.json").read_text(encoding="utf-8"))["cases"]
+        alike = [sets[name] for name in ALIKE if name in sets]
+        called = {f"planted, measured commit {made.attrs['commit'][:7]}": made for made in alike}
+        blocks["measured headlines"] = headlines(rows, called)
+    fill(page, blocks)
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -511,9 +567,7 @@ def main(arguments: Sequence[str]) -> int:
     options.add_argument("--each", type=int, help="no more than so many cases of a fault in a spectrum")
     chosen = options.parse_args(arguments)
     if chosen.page:
-        files = {name: chosen.out / f"{name}.nc" for name in ("planted", "planted-first")}
-        said = {f"measured {name}": shown(read(file)) for name, file in files.items() if file.exists()}
-        return carried_out(partial(fill, chosen.docs / "measured.md", said))
+        return carried_out(partial(document, chosen.out, chosen.docs / "measured.md"))
     return carried_out(partial(run, chosen, given_folder(NAME, arguments, chosen.folder)))
 
 

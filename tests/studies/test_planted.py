@@ -1,6 +1,7 @@
 """Faults planted in real counts: by what they should, where they should, and scored as they should."""
 
 import gzip
+import json
 from copy import copy
 
 import numpy as np
@@ -345,8 +346,43 @@ def test_the_command_keeps_figures_alone_and_makes_a_page(tmp_path, monkeypatch)
 def test_earlier_sets_are_shown_as_they_were():
     """Without controls of the same counts, and with controls by themselves."""
     page = (DOCS / "measured.md").read_text(encoding="utf-8")
-    for name in ("planted", "planted-first"):
+    kept = [name for name in planted.SETS if (RESULTS / f"{name}.nc").exists()]
+    assert set(kept) >= {"planted-first", "planted-second", "planted-third"}
+    for name in kept:
         assert planted.shown(read(RESULTS / f"{name}.nc")) in page
+
+
+def test_headlines_of_all_cases_are_counted_together():
+    """Of two known strong cases one is right, the other has a wrong name beside it; of five that are planted
+    three are strong, of which two are right; one of two controls has something certain.
+    """
+    known = {"kind": "line", "right": True, "certain": ["emission_line"], "beside": [], "rejected": False}
+    rows = {
+        "a": known,
+        "b": {**known, "right": False, "beside": ["pileup"]},
+        "c": {**known, "kind": "weak", "certain": []},
+    }
+    columns = {
+        "fault": ["emission_line", "gain_slope", "background", "emission_line", "gain_slope", *["control"] * 2],
+        "right": [True, False, True, True, False, True, True],
+        "certain": ["emission_line", "gain_slope pileup", "background", "emission_line", "", "unnamed", ""],
+        "statistic": [150.0, 150.0, 150.0, 149.0, 120.0, 500.0, 100.0],
+        "bins": [100] * 7,
+    }  # fmt: skip
+    made = xr.Dataset({name: ("row", values) for name, values in columns.items()})
+    lines = planted.headlines(rows, {"planted": made}).splitlines()
+    assert lines[2:] == [
+        "| twelve with known answers | 1 of 2 (1% to 99%) | 1 of 1 (3% to 100%) | 1 of 3 (1% to 91%) |",
+        "| planted | 2 of 3 (9% to 99%) | 1 of 2 (1% to 99%) | 2 of 7 (4% to 71%) |",
+        "| together | 3 of 5 (15% to 95%) | 2 of 3 (9% to 99%) | 3 of 10 (7% to 65%) |",
+    ]
+
+
+def test_the_page_has_the_headlines_of_what_is_kept():
+    cases = json.loads((RESULTS / "measured.json").read_text(encoding="utf-8"))["cases"]
+    kept = [read(RESULTS / f"{name}.nc") for name in planted.ALIKE if (RESULTS / f"{name}.nc").exists()]
+    called = {f"planted, measured commit {made.attrs['commit'][:7]}": made for made in kept}
+    assert planted.headlines(cases, called) in (DOCS / "measured.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.slow
