@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
@@ -327,7 +327,11 @@ class CatalogueCounts(Engine):
         self._beside = BesideNuisances(nuisances, amplitude, found, at)
         return self._beside
 
-    def amplitudes(self, rounds: Sequence[Round]) -> tuple[Amplitude, ...]:
+    def amplitudes(
+        self,
+        rounds: Sequence[Round],
+        certain: Collection[int],  # noqa: ARG002
+    ) -> tuple[Amplitude, ...]:
         """From all sources; the first one's beside the shared nuisances too."""
         made = []
         for i, one in enumerate(rounds[-1].best.chain):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -222,24 +222,36 @@ class Counts(Engine):
         folds = self.thresholds.folds
         return thinned_scores(models, self.sources, rng=self._streams["held_out"], folds=folds)
 
-    def amplitudes(self, rounds: Sequence[Round]) -> tuple[Amplitude, ...]:
-        """From one half of the counts; energies and widths from all, as recorded."""
+    def amplitudes(self, rounds: Sequence[Round], certain: Collection[int]) -> tuple[Amplitude, ...]:
+        """From one half of the counts; energies and widths from all, as recorded.
+
+        What is certain is measured beside what is certain too, not beside what may not be there: a partial
+        absorber would make ten times as much of a line.
+        """
         best: Profile = rounds[-1].best
-        simulator, start = best.candidate.simulator, best.fit.theta
-        if any(entry.origin == "source" for entry in best.entries):
-            made, pulled = self._floated(best)
+        everything, sure = range(len(best.path)), sorted(certain)
+        streams = self._streams["amplitude"].spawn(len(everything))
+        found: dict[int, Amplitude] = {}
+        for among in (sure, everything) if sure else (everything,):
+            model = self._with(rounds, tuple(best.path[at] for at in among))
+            simulator, start = self._measured_in(model)
+            places = amplitude_places(self.entries, model.path, self.simulator.prior.size)
+            for at, one in zip(among, places, strict=True):
+                if at not in found:
+                    place = Place(*one, simulator)
+                    made = held_out_amplitude(place, self.sources, start, rng=streams[at])
+                    found[at] = _with_energies(made, place, self._profiled(model))
+        return tuple(found[at] for at in everything)
+
+    def _measured_in(self, model: Profile) -> tuple[Any, Array]:
+        """The simulator in which a model's amplitudes are measured, and where a fit begins."""
+        simulator, start = model.candidate.simulator, model.fit.theta
+        if any(entry.origin == "source" for entry in model.entries):
+            made, pulled = self._floated(model)
             # A model that is far off drags an instrument along, and a line's energy with it.
             if near(made.prior, pulled.theta[0], simulator.prior.size):
                 simulator, start = made, pulled.theta
-        found = amplitude_places(self.entries, best.path, self.simulator.prior.size)
-        places = [Place(*one, simulator) for one in found]
-        streams = self._streams["amplitude"].spawn(len(places))
-        return tuple(
-            _with_energies(
-                held_out_amplitude(place, self.sources, start, rng=stream), place, self._profiled(best)
-            )
-            for place, stream in zip(places, streams, strict=True)
-        )
+        return simulator, start
 
     def _profiled(self, model: Profile) -> dict[int, Estimate]:
         """Energies and widths of a model's effects by the likelihood of all counts, where no gain floats."""

@@ -7,7 +7,7 @@ can only simulate. The workflow, the decision and the record are the same for al
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -390,8 +390,8 @@ class Engine(Protocol):
         """
         return statements
 
-    def amplitudes(self, rounds: Sequence[Round]) -> tuple[Amplitude, ...]:
-        """The amplitude of every effect of the last round's best model."""
+    def amplitudes(self, rounds: Sequence[Round], certain: Collection[int]) -> tuple[Amplitude, ...]:
+        """The amplitude of every effect of the last round's best model, of which these are `certain`."""
 
     def excess(self, rounds: Sequence[Round], path: Sequence[str]) -> Excess | None:  # noqa: ARG002
         """How much stands out of the model with some of the last round's effects, on data that did not choose

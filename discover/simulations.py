@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import Any
@@ -177,7 +177,11 @@ class Simulations(Engine):
             rng=self._streams[2], folds=self.thresholds.folds, decoys=self.thresholds.decoys,
         )  # fmt: skip
 
-    def amplitudes(self, rounds: Sequence[Round]) -> tuple[Amplitude, ...]:
+    def amplitudes(
+        self,
+        rounds: Sequence[Round],
+        certain: Collection[int],  # noqa: ARG002
+    ) -> tuple[Amplitude, ...]:
         """From all data sets."""
         best, made = rounds[-1].best, []
         for key, entry, index in amplitude_places(self.entries, best.path, best.fit.model.hyper):

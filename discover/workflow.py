@@ -54,7 +54,8 @@ def search(engine: Engine, *, step: Step = quiet) -> Searched:
     )  # fmt: skip
     if decision.added:
         step("measuring the amplitude")
-    amplitudes = engine.amplitudes(rounds) if decision.added else ()
+    sure = {claim.at for claim in decision.claims if claim.certain and claim.at is not None}
+    amplitudes = engine.amplitudes(rounds, sure) if decision.added else ()
     return Searched(first, rounds, last, scored, amplitudes, decision)
 
 

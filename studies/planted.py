@@ -497,7 +497,7 @@ def shown(made: xr.Dataset) -> str:
 
 
 def headlines(rows: Mapping[str, Mapping[str, Any]], sets: Mapping[str, xr.Dataset]) -> str:
-    """Strong cases with a right headline, controls with nothing certain, cases with anything certain and wrong.
+    """Strong cases whose headline is right, silent controls, and cases with anything certain and wrong.
 
     `rows` are the cases with known answers (`studies.measured`), `sets` those of this study, by what they are
     called.

@@ -1,6 +1,6 @@
 """The workflow on counts in which the effect is known: named, told apart, unnamed, or nothing to name."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from types import SimpleNamespace
 
@@ -336,6 +336,52 @@ def test_what_the_library_lacks_has_no_name(power_law, library):
     assert [one["parameter"] for one in found.to_json()["amplitude"]] == ["excess_counts"]
     factor = found.tree["shape"]["factor"].values
     assert np.corrcoef(factor[8:-8], np.sin(np.arange(60) * 0.5)[8:-8])[0, 1] > 0.8
+
+
+@pytest.mark.parametrize(
+    ("certain", "beside"),
+    [
+        ((), {"line": ("edge", "line"), "edge": ("edge", "line")}),
+        ({1}, {"line": ("line",), "edge": ("edge", "line")}),
+        ({0}, {"line": ("edge", "line"), "edge": ("edge",)}),
+        ({0, 1}, {"line": ("edge", "line"), "edge": ("edge", "line")}),
+    ],
+)
+def test_what_is_certain_is_measured_beside_nothing_that_is_not(library, monkeypatch, certain, beside):
+    engine, _ = noise_free(
+        library,
+        Effect("line", {"energy": 5.0, "counts": 700.0}),
+        Effect("edge", {"energy": 1.2, "depth": 0.2}),
+    )
+    (edge,) = engine.fitted(engine.look(), ["edge"], None)
+    (both,) = engine.fitted(engine.after(edge), ["line"], edge)
+    measured = {}
+
+    def held_out(place, sources, start, *, rng):
+        names = place.simulator.prior.names
+        assert place.entry.amplitude in names[place.index]
+        # Energies have no error of the fit where the amplitude comes from.
+        kept = [name for name in ("edge", "line") if any(own.startswith(name) for own in names)]
+        assert place.key not in measured, "measured twice"
+        measured[place.key] = (tuple(kept), start)
+        return SimpleAmplitude(place.key, {})
+
+    monkeypatch.setattr("gaugeblock.discovery.counts.held_out_amplitude", held_out)
+    monkeypatch.setattr("gaugeblock.discovery.counts.profiled_energies", lambda *_: {})
+    rounds = [Round(engine.look(), (Comparison(both, 0.0, 0.0),))]
+    assert [one.effect for one in engine.amplitudes(rounds, certain)] == ["edge", "line"]
+    assert {key: kept for key, (kept, _) in measured.items()} == beside
+    for kept, start in measured.values():
+        # Where the fit of that very model is, beside what floats of an instrument.
+        model = both if len(kept) == 2 else engine.fitted(engine.look(), list(kept), None)[0]
+        own = model.fit.theta[0]
+        assert start[0, : len(own)] == pytest.approx(own, rel=0.2)
+
+
+@dataclass(frozen=True)
+class SimpleAmplitude:
+    effect: str
+    others: dict
 
 
 def test_an_excess_beside_effects_is_what_they_leave(library):

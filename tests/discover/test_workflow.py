@@ -72,7 +72,8 @@ class Told(Engine):
         assert scored.names[1] == rounds[-1].best.label
         return rounds[-1].best.label not in self.unsteady
 
-    def amplitudes(self, rounds):
+    def amplitudes(self, rounds, certain):
+        self.sure = certain
         return (rounds[-1].best.label,)
 
 
@@ -100,6 +101,11 @@ def test_an_effect_that_leaves_nothing_is_the_only_one():
     assert (found.first, found.last, len(found.rounds)) == (LOUD, QUIET, 1)
     assert (found.rounds[0].seen, found.rounds[0].best.path) == (LOUD, ("dip",))
     assert (found.decision.added, found.amplitudes, engine.judged) == (("dip",), ("dip",), [["dip"]])
+    assert [(one.at, one.certain) for one in found.decision.claims] == [(0, True)]
+    assert engine.sure == {0}
+    faint = Told({("dip",): 20.0}, {1: QUIET})
+    assert [one.certain for one in run(faint)[0].decision.claims] == [False]
+    assert faint.sure == set()
     assert told == [
         "locating where model and data disagree",
         "fitting the candidates for effect 1",

@@ -363,7 +363,10 @@ def test_headlines_of_all_cases_are_counted_together():
         "c": {**known, "kind": "weak", "certain": []},
     }
     columns = {
-        "fault": ["emission_line", "gain_slope", "background", "emission_line", "gain_slope", *["control"] * 2],
+        "fault": [
+            *("emission_line", "gain_slope", "background", "emission_line", "gain_slope"),
+            *("control", "control"),
+        ],
         "right": [True, False, True, True, False, True, True],
         "certain": ["emission_line", "gain_slope pileup", "background", "emission_line", "", "unnamed", ""],
         "statistic": [150.0, 150.0, 150.0, 149.0, 120.0, 500.0, 100.0],

@@ -132,7 +132,7 @@ def test_an_interval_is_of_the_normal_error_and_ends_where_the_prior_does(two):
     for slope, low, high in ((0.05, 0.0, 0.2145), (1.0, 0.8355, 1.1645), (1.95, 1.7855, 2.0)):
         state = np.array([*tilt.fit.state[:2], slope])
         made = replace(tilt, fit=replace(tilt.fit, state=state, covariance=np.diag([9.0, 9.0, 0.01])))
-        (said,) = engine.amplitudes([Round(engine.look(), (Comparison(made, 0.0, 0.0),))])
+        (said,) = engine.amplitudes([Round(engine.look(), (Comparison(made, 0.0, 0.0),))], ())
         assert (said.effect, said.parameter, said.value, said.held_out) == ("tilt", "slope", slope, False)
         assert said.interval == pytest.approx((low, high), abs=1e-4)
         assert (said.standard_error, said.level) == (pytest.approx(0.1), 0.9)
