@@ -1,6 +1,7 @@
 """Lines at energies of nothing: how often the search gives them the name of a known one.
 
     python -m studies coincidences [FOLDER] [--workers N]   # FOLDER as of studies.measured: its responses too
+    python -m studies coincidences --page                   # docs/measured.md of results/coincidences.nc
 
 An absorbed power law through the responses of `studies nulls`, with a narrow line of 40 to 200 nats at an
 energy that is drawn evenly over the band, searched as a user would, at the redshift that is drawn with it.
@@ -30,7 +31,7 @@ from studies.hidden.instrument import Instrument
 from studies.hidden.spectrum import gaussian
 from studies.kit.command import carried_out, given_folder, of_a_commit, seeded
 from studies.kit.lines import NEAR, size_of
-from studies.kit.page import table
+from studies.kit.page import fill, table
 from studies.kit.results import clopper_pearson, measured_commit, read, write
 from studies.kit.resume import Pieces, code_of, stream
 
@@ -151,8 +152,8 @@ def main(arguments: Sequence[str]) -> int:
     options.add_argument("--number", type=int, default=NUMBER, help="lines that are planted")
     chosen = options.parse_args(arguments)
     if chosen.page:
-        sys.stdout.write(shown(read(chosen.out / "coincidences.nc")) + "\n")
-        return 0
+        block = {"measured coincidences": shown(read(chosen.out / "coincidences.nc"))}
+        return carried_out(partial(fill, chosen.docs / "measured.md", block))
     return carried_out(partial(run, chosen, given_folder(NAME, arguments, chosen.folder)))
 
 

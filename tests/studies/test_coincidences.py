@@ -6,6 +6,7 @@ import xarray as xr
 
 pytest.importorskip("jaxspec")
 from studies import coincidences, nulls
+from studies.kit.results import write
 
 pytestmark = pytest.mark.usefixtures("xray_data")
 
@@ -59,8 +60,9 @@ def test_what_is_said_of_it_is_whether_it_was_found_and_every_name():
     assert np.isnan(away["chance"])
 
 
-def test_the_table_counts_certain_lines_without_a_name():
-    made = xr.Dataset(
+@pytest.fixture(name="four")
+def four_fixture():
+    return xr.Dataset(
         {
             "instrument": ("row", ["EPIC-pn", "EPIC-pn", "NICER", "NICER"]),
             "found": ("row", [True, True, True, False]),
@@ -68,10 +70,20 @@ def test_the_table_counts_certain_lines_without_a_name():
         },
         attrs={"commit": "c", "command": "python -m studies coincidences"},
     )
-    pn, nicer, both = coincidences.shown(made).splitlines()[2:5]
+
+
+def test_the_table_counts_certain_lines_without_a_name(four):
+    pn, nicer, both = coincidences.shown(four).splitlines()[2:5]
     assert "1 of 2 (1.3% to 98.7%) | Fe K alpha" in pn
     assert "| 2 | 1 of 1 (2.5% to 100.0%) | - |" in nicer
     assert "| 4 | 2 of 3 (9.4% to 99.2%) | Fe K alpha |" in both
+
+
+def test_the_page_is_made_of_what_is_stored(four, tmp_path):
+    write({"": four}, tmp_path / "coincidences.nc")
+    (tmp_path / "measured.md").write_text("<!-- measured coincidences --><!-- /measured coincidences -->")
+    assert coincidences.main(["--page", "--out", str(tmp_path), "--docs", str(tmp_path)]) == 0
+    assert coincidences.shown(four) in (tmp_path / "measured.md").read_text()
 
 
 def test_one_case_runs_from_files_to_names():
