@@ -22,7 +22,7 @@ NAMES = {
     "paper": "paper.__main__",
     "discoveries": "discoveries",
     "measured": "measured",
-    "planted": "planted",
+    "planted": "planted.__main__",
     "nulls": "nulls",
     "coincidences": "coincidences",
     "w-bias": "w_bias",

@@ -7,9 +7,10 @@ from copy import copy
 import numpy as np
 import pytest
 import xarray as xr
-from studies import planted
 from studies.kit.page import filled
 from studies.kit.results import DOCS, RESULTS, read
+from studies.planted import __main__ as study
+from studies.planted import document, faults, files
 
 from gaugeblock.core.errors import InputError
 
@@ -18,12 +19,12 @@ pytestmark = pytest.mark.usefixtures("xray_data")
 
 @pytest.fixture(scope="module")
 def base(xray_data):
-    return planted.bases(None)["ngc7793_pn"]
+    return files.bases(None)["ngc7793_pn"]
 
 
 @pytest.fixture(scope="module")
 def whole(base):
-    return planted.read_tables(base)
+    return files.read_tables(base)
 
 
 @pytest.fixture
@@ -46,9 +47,7 @@ def test_rows_are_folded_as_the_response_says(base, whole):
     rng = np.random.default_rng(1)
     for at in rng.integers(0, len(sums), 12):
         photons = np.eye(1, len(sums), at)[0]
-        assert planted.folded(whole.rows, photons, len(whole.counts)).sum() == pytest.approx(
-            sums[at], rel=1e-5
-        )
+        assert files.folded(whole.rows, photons, len(whole.counts)).sum() == pytest.approx(sums[at], rel=1e-5)
 
 
 def test_a_line_is_counts_at_its_energy(base, tables):
@@ -58,7 +57,7 @@ def test_a_line_is_counts_at_its_energy(base, tables):
         channels = file["EBOUNDS"].data
         centre = (channels["E_MIN"] + channels["E_MAX"]) / 2
     before = tables.counts.copy()
-    said = planted.line(tables, np.random.default_rng(4))
+    said = faults.line(tables, np.random.default_rng(4))
     added = tables.counts - before
     assert added.sum() == pytest.approx(said["size"], abs=5 * np.sqrt(said["size"]))
     assert np.median(np.repeat(centre, added)) == pytest.approx(said["energy"], rel=0.03)
@@ -66,7 +65,7 @@ def test_a_line_is_counts_at_its_energy(base, tables):
 
 
 def test_an_energy_scale_moves_energies_and_leaves_the_area_a_function_of_energy(whole, tables):
-    said = planted.gain(tables, np.random.default_rng(2))
+    said = faults.gain(tables, np.random.default_rng(2))
     assert tables.energies == pytest.approx(whole.energies * said["size"])
     assert 0.92 < said["size"] < 1.09
     assert abs(np.log(said["size"])) > 0.039
@@ -76,7 +75,7 @@ def test_an_energy_scale_moves_energies_and_leaves_the_area_a_function_of_energy
 
 
 def test_an_area_is_wrong_over_a_part_of_the_band(whole, tables):
-    said = planted.area(tables, np.random.default_rng(3))
+    said = faults.area(tables, np.random.default_rng(3))
     ratio = tables.area / whole.area - 1
     middle = whole.energies.mean(axis=1)
     assert ratio[np.abs(middle - said["energy"]) < 0.4] == pytest.approx(said["size"])
@@ -85,13 +84,13 @@ def test_an_area_is_wrong_over_a_part_of_the_band(whole, tables):
 
 
 def test_a_background_is_the_regions_own_counts(whole, tables):
-    said = planted.background(tables, np.random.default_rng(3))
+    said = faults.background(tables, np.random.default_rng(3))
     assert np.array_equal(tables.counts - whole.counts, whole.background)
     assert said["size"] == pytest.approx(whole.background.sum() / tables.counts.sum())
 
 
 def test_thinned_counts_are_of_a_shorter_observation(base, whole, tables):
-    share, control = planted.thinned(tables, np.random.default_rng(5))
+    share, control = files.thinned(tables, np.random.default_rng(5))
     assert base.kept[0] < share < base.kept[1]
     for left, all_of_it in ((tables.counts, whole.counts), (tables.background, whole.background)):
         assert np.all(left <= all_of_it)
@@ -101,20 +100,20 @@ def test_thinned_counts_are_of_a_shorter_observation(base, whole, tables):
     assert np.array_equal(control.background, tables.background)
     names = ("counts", "background", "area", "energies")
     before = [getattr(control, name).copy() for name in names]
-    for plant in (planted.line, planted.gain, planted.area, planted.background):
+    for plant in (faults.line, faults.gain, faults.area, faults.background):
         plant(tables, np.random.default_rng(1))
     for kept, name in zip(before, names, strict=True):
         assert np.array_equal(kept, getattr(control, name))
 
 
 def test_a_background_that_is_withheld_is_about_half(whole, tables):
-    share, control = planted.thinned(tables, np.random.default_rng(5), withheld=True)
+    share, control = files.thinned(tables, np.random.default_rng(5), withheld=True)
     assert np.array_equal(tables.background, whole.background)
     # The control's background is told, as long as its source was observed.
     assert np.array_equal(control.counts, tables.counts)
     left, number = control.background.sum(), whole.background.sum()
     assert left == pytest.approx(share * number, abs=5 * np.sqrt(number / 4))
-    said = planted.background(tables, np.random.default_rng(6))
+    said = faults.background(tables, np.random.default_rng(6))
     assert 0.37 < said["size"] < 0.63
 
 
@@ -123,22 +122,22 @@ def test_files_hold_what_was_planted_and_nothing_else_is_changed(base, tables, t
 
     from gaugeblock.auditing.discovering import read_measured
 
-    planted.gain(tables, np.random.default_rng(2))
-    files = planted.written(tables, 0.5, tmp_path)
-    with fits.open(files["pha"]) as new, fits.open(base.files["pha"]) as old:
+    faults.gain(tables, np.random.default_rng(2))
+    paths = files.written(tables, 0.5, tmp_path)
+    with fits.open(paths["pha"]) as new, fits.open(base.files["pha"]) as old:
         assert np.array_equal(new["SPECTRUM"].data["COUNTS"], tables.counts)
         assert new["SPECTRUM"].header["EXPOSURE"] == old["SPECTRUM"].header["EXPOSURE"] / 2
         assert np.array_equal(new["SPECTRUM"].data["GROUPING"], old["SPECTRUM"].data["GROUPING"])
     content = base.files["rmf"].read_bytes()
     old_bytes = np.frombuffer(gzip.decompress(content) if content[:2] == b"\x1f\x8b" else content, np.uint8)
-    new_bytes = np.frombuffer(files["rmf"].read_bytes(), np.uint8)
+    new_bytes = np.frombuffer(paths["rmf"].read_bytes(), np.uint8)
     changed = int((old_bytes != new_bytes).sum())
-    with fits.open(files["rmf"]) as new:
+    with fits.open(paths["rmf"]) as new:
         low = np.asarray(new["MATRIX"].data["ENERG_LO"], dtype=float)
         assert low == pytest.approx(tables.energies[:, 0], rel=1e-6)
         assert 0 < changed <= 2 * 8 * len(low)
     (group,) = read_measured(
-        files["pha"], rmf=files["rmf"], arf=files["arf"], background=(str(files["background"]),),
+        paths["pha"], rmf=paths["rmf"], arf=paths["arf"], background=(str(paths["background"]),),
         redshift=0.0, seed=1, progress=lambda *_: None, model=base.model, priors=None, band=base.band,
         regroup="ungrouped",
     )  # fmt: skip
@@ -204,9 +203,9 @@ def test_a_case_is_right_if_the_headline_is_and_nothing_else_is_certain(
 
     monkeypatch.setattr("gaugeblock.discover", discover, raising=False)
     if fault == "emission_line":
-        there = planted.Fault(1, lambda *_: {"size": 1.0, "energy": 2.02, "flux": 1.0})
-        monkeypatch.setattr(planted, "FAULTS", {fault: there})
-    both = planted.case(base, fault, 0, 1)
+        there = faults.Fault(1, lambda *_: {"size": 1.0, "energy": 2.02, "flux": 1.0})
+        monkeypatch.setattr(study, "FAULTS", {fault: there})
+    both = study.case(base, fault, 0, 1)
     row = both["planted"]
     assert row["right"] is right
     assert (asked[0]["background"] == ("none",)) is (fault == "background")
@@ -217,14 +216,14 @@ def test_a_case_is_right_if_the_headline_is_and_nothing_else_is_certain(
     # What holds the answer, certain or not, is right as a statement, unless something else is certain.
     assert row["stated"] is right
     monkeypatch.setattr("gaugeblock.discover", lambda *_, **__: Canned(doubted(said)), raising=False)
-    doubtful = planted.case(base, fault, 0, 1)["planted"]
+    doubtful = study.case(base, fault, 0, 1)["planted"]
     assert doubtful["right"] is False
     assert doubtful["stated"] is (fault in [one["effect"] for one in said["statements"]])
     if fault == "emission_line":
-        elsewhere = planted.Fault(1, lambda *_: {"size": 1.0, "energy": 2.2, "flux": 1.0})
+        elsewhere = faults.Fault(1, lambda *_: {"size": 1.0, "energy": 2.2, "flux": 1.0})
         monkeypatch.setattr("gaugeblock.discover", discover, raising=False)
-        monkeypatch.setattr(planted, "FAULTS", {fault: elsewhere})
-        assert planted.case(base, fault, 0, 1)["planted"]["right"] is False
+        monkeypatch.setattr(study, "FAULTS", {fault: elsewhere})
+        assert study.case(base, fault, 0, 1)["planted"]["right"] is False
 
 
 @pytest.mark.parametrize(
@@ -237,7 +236,7 @@ def test_a_case_is_right_if_the_headline_is_and_nothing_else_is_certain(
 )
 def test_a_control_is_right_if_nothing_is_named(base, monkeypatch, said, right):
     monkeypatch.setattr("gaugeblock.discover", lambda *_, **__: Canned(said), raising=False)
-    assert planted.case(base, "gain_slope", 0, 1)["control"]["right"] is right
+    assert study.case(base, "gain_slope", 0, 1)["control"]["right"] is right
 
 
 def test_an_amplitude_is_held_against_what_the_control_lacks(base, whole, monkeypatch):
@@ -252,7 +251,7 @@ def test_an_amplitude_is_held_against_what_the_control_lacks(base, whole, monkey
         return Canned(said)
 
     monkeypatch.setattr("gaugeblock.discover", discover, raising=False)
-    row = planted.case(base, "emission_line", 0, 1)["planted"]
+    row = study.case(base, "emission_line", 0, 1)["planted"]
     at = row["planted"]["energy"]
     assert [one.get("only") for one in asked] == [None, None, ("emission_line",)]
     assert asked[2]["energy"] == pytest.approx(at)
@@ -268,14 +267,14 @@ def test_an_amplitude_is_held_against_what_the_control_lacks(base, whole, monkey
     assert 1.0 < row["amplitude"] / absorbed < np.exp(0.5 * 30.0 * at**-2.5)
     sent = []
     for column["value"] in (10.0, 20.0):
-        sent.append(planted.case(base, "emission_line", 0, 1)["planted"]["amplitude"] / row["amplitude"])
+        sent.append(study.case(base, "emission_line", 0, 1)["planted"]["amplitude"] / row["amplitude"])
     # An optical depth is proportional to the column, and falls with energy to the power of some -2.5.
     depth = np.log(sent) / [9.5, 19.5]
     assert depth[0] == pytest.approx(depth[1])
     assert 1.0 < depth[0] * at**2.5 < 4.0
-    gain = planted.case(base, "gain_slope", 0, 1)["planted"]
+    gain = study.case(base, "gain_slope", 0, 1)["planted"]
     assert (gain["without"], gain["amplitude"]) == (1.01, gain["planted"]["size"])
-    assert "amplitude" not in planted.case(base, "effective_area", 0, 1)["planted"]
+    assert "amplitude" not in study.case(base, "effective_area", 0, 1)["planted"]
 
 
 def test_intervals_hold_what_was_planted_less_what_the_control_has():
@@ -295,7 +294,7 @@ def test_intervals_hold_what_was_planted_less_what_the_control_has():
             }.items()
         }
     )
-    assert planted.intervals(made) == [
+    assert document.intervals(made) == [
         ("emission_line, norm", 1, 2), ("emission_line, energy", 1, 1), ("gain_slope, slope", 2, 3),
     ]  # fmt: skip
 
@@ -308,37 +307,38 @@ def test_every_fault_is_planted_as_often_in_every_spectrum(tmp_path, monkeypatch
             one()
         raise InputError("enough")
 
-    monkeypatch.setattr(planted.Pieces, "made", made)
-    monkeypatch.setattr(planted, "case", lambda base, fault, number, seed: asked.append((base.name, fault)))
-    assert planted.main(["--generator-seed", "3", "--out", str(tmp_path)]) == 2
-    for name in planted.bases(None):
-        times = {fault: asked.count((name, fault)) for fault in planted.FAULTS}
+    monkeypatch.setattr(study.Pieces, "made", made)
+    monkeypatch.setattr(study, "case", lambda base, fault, number, seed: asked.append((base.name, fault)))
+    assert study.main(["--generator-seed", "3", "--out", str(tmp_path)]) == 2
+    for name in files.bases(None):
+        times = {fault: asked.count((name, fault)) for fault in faults.FAULTS}
         assert times == {"emission_line": 3, "gain_slope": 2, "effective_area": 2, "background": 1}
 
 
 def test_the_command_keeps_figures_alone_and_makes_a_page(tmp_path, monkeypatch):
     """With searches that say what they are told: of three spectra three controls and as many withheld."""
     monkeypatch.setattr("gaugeblock.discover", lambda *_, **__: Canned(found(named=None)), raising=False)
-    monkeypatch.setattr(planted, "FAULTS", {"background": planted.FAULTS["background"]})
-    assert planted.main(["--each", "1", "--generator-seed", "3", "--out", str(tmp_path)]) == 0
+    for part in (study, document):
+        monkeypatch.setattr(part, "FAULTS", {"background": faults.FAULTS["background"]})
+    assert study.main(["--each", "1", "--generator-seed", "3", "--out", str(tmp_path)]) == 0
     made = read(tmp_path / "planted.nc")
     assert made.sizes["row"] == 6
     assert made["right"].values.tolist() == [False, True] * 3
     assert made["beneath"].values.tolist() == ["background"] * 6
-    said = planted.shown(made)
+    said = document.shown(made)
     assert "| `background` | 0 of 3 (0% to 71%) | 0 of 3 (0% to 71%) | nothing 3 |" in said
     assert "| control | 3 of 3 (29% to 100%) | - | - |" in said
     assert "emission_line, norm: 0 of 0 (0% to 100%)" in said
     sets = np.array(["pileup background", "", "background_line", "", "background", ""])
-    held = planted.shown(made.assign(set=("row", sets)))
+    held = document.shown(made.assign(set=("row", sets)))
     assert "| `background` | 0 of 3 (0% to 71%) | 2 of 3 (9% to 99%) | nothing 3 |" in held
     assert "| all that is planted | 0 of 3 (0% to 71%) | 2 of 3 (9% to 99%) |" in held
     # C of 120 for 100 bins is not strong, of 150 is.
     assert "25 nats or more in the best fit | 0 of 0" in said
     loud = made.assign(statistic=made["bins"] + np.array([50.0, 99.0, 49.0, 99.0, 60.0, 99.0]))
-    assert "25 nats or more in the best fit | 0 of 2 (0% to 84%) | 0 of 2" in planted.shown(loud)
+    assert "25 nats or more in the best fit | 0 of 2 (0% to 84%) | 0 of 2" in document.shown(loud)
     (tmp_path / "measured.md").write_text("<!-- measured planted --><!-- /measured planted -->")
-    assert planted.main(["--page", "--out", str(tmp_path), "--docs", str(tmp_path)]) == 0
+    assert study.main(["--page", "--out", str(tmp_path), "--docs", str(tmp_path)]) == 0
     assert said in (tmp_path / "measured.md").read_text()
     assert filled("<!-- a --><!-- /a -->", {"a": said}).count("all that is planted") == 1
 
@@ -346,10 +346,10 @@ def test_the_command_keeps_figures_alone_and_makes_a_page(tmp_path, monkeypatch)
 def test_earlier_sets_are_shown_as_they_were():
     """Without controls of the same counts, and with controls by themselves."""
     page = (DOCS / "measured.md").read_text(encoding="utf-8")
-    kept = [name for name in planted.SETS if (RESULTS / f"{name}.nc").exists()]
+    kept = [name for name in document.SETS if (RESULTS / f"{name}.nc").exists()]
     assert set(kept) >= {"planted-first", "planted-second", "planted-third"}
     for name in kept:
-        assert planted.shown(read(RESULTS / f"{name}.nc")) in page
+        assert document.shown(read(RESULTS / f"{name}.nc")) in page
 
 
 def test_headlines_of_all_cases_are_counted_together():
@@ -373,7 +373,7 @@ def test_headlines_of_all_cases_are_counted_together():
         "bins": [100] * 7,
     }  # fmt: skip
     made = xr.Dataset({name: ("row", values) for name, values in columns.items()})
-    lines = planted.headlines(rows, {"planted": made}).splitlines()
+    lines = document.headlines(rows, {"planted": made}).splitlines()
     assert lines[2:] == [
         "| twelve with known answers | 1 of 2 (1% to 99%) | 1 of 1 (3% to 100%) | 1 of 3 (1% to 91%) |",
         "| planted | 2 of 3 (9% to 99%) | 1 of 2 (1% to 99%) | 2 of 7 (4% to 71%) |",
@@ -383,13 +383,13 @@ def test_headlines_of_all_cases_are_counted_together():
 
 def test_the_page_has_the_headlines_of_what_is_kept():
     cases = json.loads((RESULTS / "measured.json").read_text(encoding="utf-8"))["cases"]
-    kept = [read(RESULTS / f"{name}.nc") for name in planted.ALIKE if (RESULTS / f"{name}.nc").exists()]
+    kept = [read(RESULTS / f"{name}.nc") for name in document.ALIKE if (RESULTS / f"{name}.nc").exists()]
     called = {f"planted, measured commit {made.attrs['commit'][:7]}": made for made in kept}
-    assert planted.headlines(cases, called) in (DOCS / "measured.md").read_text(encoding="utf-8")
+    assert document.headlines(cases, called) in (DOCS / "measured.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.slow
 def test_a_strong_line_in_real_counts_is_named(base):
-    row = planted.case(base, "emission_line", 0, 5)
+    row = study.case(base, "emission_line", 0, 5)
     assert row["planted"]["named"] == "emission_line"
     assert row["control"]["named"] is None

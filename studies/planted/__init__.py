@@ -1,0 +1,1 @@
+"""Real counts with a fault planted in them, and real counts without."""
