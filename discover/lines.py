@@ -9,7 +9,14 @@ from scipy.constants import speed_of_light
 
 from gaugeblock.discovery.name.identified import CHANCE
 from gaugeblock.discovery.name.shifted import CAUSES, Measured, harmonics, shifted, together
-from gaugeblock.discovery.result import LEVEL, FamilySaid, FollowerSaid, Identification, Shifted, Statement
+from gaugeblock.discovery.result import (
+    HALF_OF_90,
+    FamilySaid,
+    FollowerSaid,
+    Identification,
+    Shifted,
+    Statement,
+)
 from gaugeblock.simulators.library import Known
 
 ABSORBED = "absorption_line"
@@ -60,7 +67,7 @@ def _measured(
     for i, line in enumerate(lines):
         size = made[i].parameters.get("energy")
         if line is not None and size is not None and size.low is not None and size.high is not None:
-            error = (size.high - size.low) / (2.0 * LEVEL)
+            error = (size.high - size.low) / (2.0 * HALF_OF_90)
             found[i] = Measured(line.energy, error, line.known, band, stretch)
     return found
 
@@ -135,7 +142,7 @@ def _family(said: FamilySaid) -> str:
 def _follower(one: FollowerSaid) -> str:
     size = f"{one.ratio:.2g} +- {one.error:.2g}"
     if one.expected is None or one.power is None:
-        most = f"{one.name} below {max(one.ratio, 0.0) + LEVEL * one.error:.2g}"
+        most = f"{one.name} below {max(one.ratio, 0.0) + HALF_OF_90 * one.error:.2g}"
         return f"{one.name} {size}" if one.seen else most
     if one.seen:
         return f"{one.name} is there, {size} of it ({one.expected:g} expected)"

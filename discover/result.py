@@ -13,7 +13,7 @@ import xarray as xr
 from gaugeblock.simulators.library import LibraryEffect
 from gaugeblock.validate.finding import NotChecked
 
-LEVEL = 1.645
+HALF_OF_90 = 1.645
 """Standard deviations to either side of a 90% interval."""
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.name.unnamed import curves
 from gaugeblock.discovery.reshaped import Adapted, Reshaped
-from gaugeblock.discovery.result import LEVEL
+from gaugeblock.discovery.result import HALF_OF_90
 from gaugeblock.simulators.library import LibraryEffect
 from gaugeblock.simulators.marginals import Normal
 from gaugeblock.simulators.prior import Prior
@@ -37,7 +37,7 @@ def gain_reach(energy: float) -> float:
     >>> round(gain_reach(6.4), 3)
     0.107
     """
-    return LEVEL * math.hypot(GAIN["gain_slope"] * energy, GAIN["gain_offset"])
+    return HALF_OF_90 * math.hypot(GAIN["gain_slope"] * energy, GAIN["gain_offset"])
 
 
 def has_gain(entries: Iterable[LibraryEffect]) -> bool:

@@ -12,7 +12,7 @@ import numpy as np
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.name.identified import CHANCE, COMMON, listed
-from gaugeblock.discovery.result import LEVEL, Identification, Shifted
+from gaugeblock.discovery.result import HALF_OF_90, Identification, Shifted
 from gaugeblock.simulators.library import Known
 
 SHIFTS, FACTORS = 2000, 81
@@ -121,7 +121,7 @@ def together(
     )
     total = float((weight * place**2)[moved].sum())
     value = float((weight * energy * place)[moved].sum()) / max(total, 1e-300)
-    error = LEVEL * max(total, 1e-300) ** -0.5
+    error = HALF_OF_90 * max(total, 1e-300) ** -0.5
     told = tuple(
         Identification(one.name, one.energy, chance, 1000.0 * (line.energy - at), one.frame)
         for line, one, at in zip(lines, names, place.tolist(), strict=True)

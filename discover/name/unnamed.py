@@ -11,6 +11,7 @@ from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.fitting import Fit, fit
 from gaugeblock.discovery.name.score import projection
 from gaugeblock.discovery.reshaped import Reshaped
+from gaugeblock.discovery.result import HALF_OF_90
 from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators.marginals import Normal
 from gaugeblock.simulators.segments import segments
@@ -91,7 +92,7 @@ def _fitted(simulator: Any, sources: Sources, base: Fit, shape: Array, size: flo
     # In units of the prior's standard deviation, so the prior adds 1 to every eigenvalue.
     gain = float(base.objective[0] - fitted.objective[0] - 0.5 * np.log1p(values).sum())
     spread = shape @ (vectors / np.sqrt(1.0 + values)) * size
-    log_factor, error = shape @ fitted.theta[0, inner:], 1.645 * np.sqrt((spread**2).sum(axis=1))
+    log_factor, error = shape @ fitted.theta[0, inner:], HALF_OF_90 * np.sqrt((spread**2).sum(axis=1))
     return Correction(
         reshaped,
         fitted,

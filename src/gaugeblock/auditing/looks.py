@@ -18,7 +18,7 @@ import numpy as np
 import xarray as xr
 
 from gaugeblock.auditing.identity import lasting, versions
-from gaugeblock.auditing.provenance import FORMAT, finished_audit, intrinsic, settings, sizes
+from gaugeblock.auditing.provenance import FORMAT, digests, finished_audit, intrinsic, settings, sizes
 from gaugeblock.core.atomic import discard_unfinished, write_atomically
 from gaugeblock.core.digest import digest, file_digest
 from gaugeblock.core.errors import InputError
@@ -84,7 +84,7 @@ def draws_look(tree: xr.DataTree, policy: Policy, *, seed: int) -> Look:
 
 
 def _of_policy(policy: Policy) -> str:
-    return digest(plain(policy.model_dump(mode="json")))
+    return digests({"policy": plain(policy.model_dump(mode="json"))})["policy"]
 
 
 def _arrays_digest(trials: xr.Dataset) -> str:
