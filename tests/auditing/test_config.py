@@ -162,7 +162,7 @@ def test_what_has_no_say_and_who_says_so(tmp_path: Path) -> None:
         with pytest.raises(InputError) as caught:
             read_config(None, settings={f"{name}.name": "a"}, draws_given=True)
         assert str(caught.value) == (
-            f"command line: {name} has no say where draws are given; only policy and validators do"
+            f"command line: {name} has no say where draws are given; only policy, validators and summaries do"
         )
     file = tmp_path / "audit.toml"
     file.write_text("[estimator]\ntrust = 1\n")

@@ -10,12 +10,17 @@ import numpy as np
 import pandas as pd
 import pytest
 from scipy import stats
+from typer.testing import CliRunner
 
 import gaugeblock as gb
+from gaugeblock.auditing.audit import audit_configured
+from gaugeblock.auditing.config import read_config
 from gaugeblock.auditing.result import Audit
 from gaugeblock.auditing.verify import verify
+from gaugeblock.cli import app
 from gaugeblock.core.errors import InputError
-from gaugeblock.validate import summaries
+from gaugeblock.validate import make_trials, summaries
+from gaugeblock.validate.trials import read_trials, write_trials
 
 PRIOR = [stats.norm()]
 SMALL = {"number": 40, "draws": 20, "block": 20, "seed": 7}
@@ -185,6 +190,53 @@ def test_they_need_data_and_an_audit_that_is_no_anytime_one() -> None:
         gb.audit_draws(np.zeros((10, 1)), np.zeros((10, 5, 1)), summaries=product)
     with pytest.raises(InputError, match="summaries: are no part of an anytime audit"):
         audited(summaries=product, anytime=True)
+
+
+MODULE = """
+import numpy as np
+
+def product(x):
+    return x[:, :5].prod(axis=1)
+
+nothing = 3
+"""
+
+
+@pytest.fixture
+def mine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A module of a user's, in the working directory, and a configuration that names it."""
+    (tmp_path / "their_summaries.py").write_text(MODULE)
+    config = tmp_path / "audit.toml"
+    config.write_text(
+        'summaries = "their_summaries:product"\nvalidators = ["sbc"]\n'
+        '[simulator]\nname = "linear_gaussian"\n[estimator]\nname = "exact"\n'
+        "[trials]\nnumber = 40\ndraws = 20\nimportance_number = 0\njoint_number = 0\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    return config
+
+
+def test_a_configuration_names_a_function(mine: Path) -> None:
+    found = audit_configured(read_config(mine, allow_modules=["their_summaries"]), progress=False)
+    np.testing.assert_array_equal(found.trials["summary_1"], product(found.trials["x"].values))
+    with pytest.raises(InputError, match="their_summaries"):
+        audit_configured(read_config(mine), progress=False)
+    with pytest.raises(InputError, match="summaries: int cannot be called; give a function of the data"):
+        audited(summaries="their_summaries:nothing")
+
+
+def test_a_command_summarises_draws_from_disk(mine: Path) -> None:
+    rng = np.random.default_rng(3)
+    theta = rng.normal(size=(40, 1))
+    write_trials(make_trials(theta, rng.normal(size=(40, 20, 1)), x=simulate(theta, rng)), "t.nc")
+    config = mine.parent / "draws.toml"
+    config.write_text('summaries = "their_summaries:product"\nvalidators = ["sbc"]\n')
+    words = ["audit", str(config), "--trials", "t.nc", "--out", "there"]
+    assert "their_summaries" in str(CliRunner().invoke(app, words).exception)
+    assert not Path("there/trials.nc").exists()
+    CliRunner().invoke(app, [*words, "--allow-module", "their_summaries"])
+    kept = read_trials("there/trials.nc")
+    np.testing.assert_array_equal(kept["summary_1"], product(kept["x"].values))
 
 
 def test_a_ledger_counts_other_summaries(tmp_path: Path) -> None:

@@ -22,7 +22,8 @@ from gaugeblock.auditing.config import AuditConfig, PolicyLike, TrialsTable, as_
 from gaugeblock.auditing.diagnosing import derived_diagnosis, with_diagnosis
 from gaugeblock.auditing.estimator_from import as_estimator
 from gaugeblock.auditing.explain import explained
-from gaugeblock.auditing.identity import function_identity, identity, versions
+from gaugeblock.auditing.function_from import as_function, function_identity
+from gaugeblock.auditing.identity import identity, versions
 from gaugeblock.auditing.kept_seed import kept_seed
 from gaugeblock.auditing.ledger import Entry, check_ledger, entered
 from gaugeblock.auditing.looks import audit_look, draws_look, earlier_trials, look_at, stored_looks
@@ -80,7 +81,7 @@ def audit(
     baseline: str | os.PathLike[str] | None = None,
     progress: Progress | bool | None = None,
     validators: Iterable[str] | None = None,
-    summaries: Function | None = None,
+    summaries: Function | str | None = None,
     densities: bool | None = None,
     ledger: str | os.PathLike[str] | None = None,
     release: bool = False,
@@ -128,7 +129,7 @@ def audit(
         None: bars in a terminal and in a notebook.
     validators : names, optional
         Which to run; all by default.
-    summaries : function, optional
+    summaries : function or ``"module:function"``, optional
         From data ``(n, *data_shape)`` to up to 64 numbers ``(n, k)``, the flow's own embedding for instance:
         challengers learn from them beside x, and regions lie along them.
     densities : bool, optional
@@ -159,7 +160,8 @@ def audit(
     earlier = None if baseline is None else read_baseline(Path(baseline))
     if anytime:
         table = table.model_copy(update={"anytime": True})
-    if summaries is not None and table.anytime:
+    said = as_function(summaries)
+    if said is not None and table.anytime:
         raise InputError("summaries: are no part of an anytime audit, which learns as it goes; leave out one")
     observed = read_observation(table.observation if observation is None else observation)
     begin = _begun(
@@ -177,7 +179,7 @@ def audit(
         side_by_side=executor is not None,
         alone=True,
         commitment=commitment,
-        summaries=summaries,
+        summaries=said,
     )
     with begin as run:
         simulated, estimating, plan, folder, tell = (
@@ -189,7 +191,7 @@ def audit(
         )
         subjects, entry = run.subjects, run.entry
         watch = Watch(rules, plan.seed) if table.anytime else None
-        made = _trials_record(plan, table, summaries)
+        made = _trials_record(plan, table, said)
         same = {**subjects, "trials": made}
         if observed is not None:
             fitting(simulated, observed.data, seed=plan.seed)
@@ -208,8 +210,8 @@ def audit(
             allow_mixed=allow_mixed,
         )
         made_on = kinds(folder / CHUNKS / work, mixed=allow_mixed)
-        if summaries is not None:
-            tree = with_summaries(tree, summaries)
+        if said is not None:
+            tree = with_summaries(tree, said)
         if observed is not None:
             tell("around the observation", 0, 1)
             around = trials_around(simulated, estimating, observed.data, seed=plan.seed, block=plan.block)
@@ -293,6 +295,7 @@ def audit_configured(
             baseline=baseline,
             progress=progress,
             validators=config.validators,
+            summaries=config.summaries,
             ledger=ledger,
             release=release,
             executor=executor,
@@ -494,7 +497,7 @@ def audit_draws(
     baseline: str | os.PathLike[str] | None = None,
     progress: Progress | bool | None = None,
     validators: Iterable[str] | None = None,
-    summaries: Function | None = None,
+    summaries: Function | str | None = None,
     command: str = "",
 ) -> Audit:
     """Judge draws in hand: run what they allow, and list what they do not.
@@ -533,8 +536,8 @@ def audit_draws(
         tree = trials_tree(
             trials_in_hand(theta_true, draws, names=names, autocorrelated=autocorrelated, **arrays)
         )
-    if summaries is not None:
-        tree = with_summaries(tree, summaries)
+    if (said := as_function(summaries)) is not None:
+        tree = with_summaries(tree, said)
     file = theta_true if isinstance(theta_true, str | os.PathLike) else None
     record = {} if file is None else {"file": str(file), "file_sha256": file_digest(Path(file))}
     folder = None if out is None else made_folder(out)

@@ -127,6 +127,8 @@ def as_policy(policy: PolicyLike, *, where: str = "policy") -> Policy:
 class AuditConfig(Table):
     """A whole audit. Without any table: the shipped reference flow on EPIC-pn at medium counts.
 
+    `summaries` is ``module:function``, a function of the data that `gaugeblock.audit` takes.
+
     >>> AuditConfig.build({}).simulator.options
     {'response': 'epic-pn', 'level': 'medium'}
     """
@@ -136,6 +138,7 @@ class AuditConfig(Table):
     trials: TrialsTable = TrialsTable()
     policy: dict[str, Any] = Field(default_factory=dict)
     validators: tuple[str, ...] | None = None
+    summaries: str | None = None
     # Modules that whoever read a file named besides; None where there was no file.
     _modules: frozenset[str] | None = PrivateAttr(default=None)
 
@@ -196,7 +199,7 @@ def read_config(
     idle = [name for name in ("simulator", "estimator", "trials") if name in table]
     if draws_given and idle:
         raise InputError(
-            f"{where}: {idle[0]} has no say where draws are given; only policy and validators do"
+            f"{where}: {idle[0]} has no say where draws are given; only policy, validators and summaries do"
         )
     config = AuditConfig.build(_completed(table), where=where)
     if path is not None:

@@ -6,13 +6,10 @@ import hashlib
 import inspect
 import pickle
 import platform
-import secrets
-from collections.abc import Callable
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from gaugeblock.simulators.from_function import source_of
 from gaugeblock.simulators.protocol import Described
 
 NUMERICAL = (
@@ -46,21 +43,6 @@ def identity(thing: object) -> dict[str, Any]:
         except (OSError, TypeError):  # defined in an interpreter session: there is no file to hash
             record["source_sha256"] = None
     return record
-
-
-def function_identity(function: Callable[..., Any]) -> dict[str, Any]:
-    """The same of a function: its source file, and what it is bound to; a closure is known by chance alone.
-
-    Whatever cannot be told from another is another one every time.
-    """
-    if inspect.isroutine(function):
-        record = {"class": getattr(function, "__qualname__", ""), **source_of(function)}
-        owner = getattr(function, "__self__", None)
-        if owner is not None and not inspect.ismodule(owner):
-            record = {"class": record["class"], "of": identity(owner)}
-    else:
-        record = identity(function)
-    return record if lasting(record) else {**record, "once": secrets.token_hex(8)}
 
 
 def lasting(record: object) -> bool:

@@ -151,6 +151,7 @@ def audit(
     from gaugeblock.auditing.config import read_config
     from gaugeblock.core.executors import opened, parse_part
     from gaugeblock.core.settings import parse_settings
+    from gaugeblock.core.trust import only_named
 
     if trials is not None and (ledger is not None or release):
         raise GaugeblockError(
@@ -204,7 +205,9 @@ def audit(
         "progress": loud(),
     }
     if trials is not None:
-        _finish(audit_draws(trials, seed=seed or 0, validators=chosen.validators, **said), out)
+        with only_named(chosen.modules):
+            said |= {"validators": chosen.validators, "summaries": chosen.summaries}
+            _finish(audit_draws(trials, seed=seed or 0, **said), out)
     with opened(workers=workers, scheduler=scheduler) as (executor, line):
         if line:
             tell(line)
