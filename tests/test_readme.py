@@ -142,6 +142,16 @@ def test_effects_that_are_named():
         assert f"{100 * int(count) / int(cases):.1f}" == said("^#%", today[row][2])[0]
 
 
+def test_headlines_of_measured_spectra():
+    name, strong, silent, wrong = table("measured.md", "measured headlines")[0][-1]
+    assert name == "together"
+    right, number, low, high = said(r"holds the answer in # of # strong cases \(#% to #%\)")
+    assert strong == f"{right} of {number} ({low}% to {high}%)"
+    quiet, of = said(r"# of # \(", silent)
+    assert quiet == of == said(r"nothing is certain in # controls")[0]
+    assert said(r"# of # \(", wrong) == ("0", said(r"is wrong in any of # searches")[0])
+
+
 def test_the_shared_score():
     """Every row of the README's table is one of the page's, of the gain that was published."""
     rows, _ = table("gain.md", "schemes")

@@ -74,24 +74,25 @@ def shown(made: xr.Dataset) -> str:
     text = f"{table(heads, lines)}\n\n{measured_commit(made)}"
     if "without" not in made:
         return text
-    told = []
-    for words, held, number in intervals(made):
-        told.append(f"{words}: {of(held, number)}")
-    return f"{text} 90% intervals that hold what was planted, less what the control has: {'; '.join(told)}."
+    told = "; ".join(f"{words}: {of(held, number)}" for words, held, number in intervals(made))
+    return f"{text} 90% intervals that hold what was planted: {told}."
 
 
 def intervals(made: xr.Dataset) -> list[tuple[str, int, int]]:
-    """What was planted, how many of its 90% intervals hold it, and of how many; amplitudes as differences.
+    """What was planted, how many of its 90% intervals hold it, and of how many.
 
-    Of a line's energy, which no control has, and of the amplitudes in `MEASURED`: the interval less what the
-    control has of that effect.
+    Of a line's energy, and of the amplitudes in `MEASURED`: as they are, and less what the control has of
+    that effect, of any width.
     """
     found = []
     for fault, parameter in MEASURED.items():
         part = made.isel(row=made["fault"].values == fault)
         neutral = 1.0 if parameter == "slope" else 0.0
         offset = part["without"].values - neutral
-        pairs = [(f"{fault}, {parameter}", part["amplitude"].values, "amplitude", offset)]
+        pairs = [
+            (f"{fault}, {parameter}", part["amplitude"].values, "amplitude", 0.0 * offset),
+            ("less what the control has", part["amplitude"].values, "amplitude", offset),
+        ]
         if fault == "emission_line":
             pairs.append((f"{fault}, energy", part["energy"].values, "energy", 0.0 * offset))
         for words, planted, name, off in pairs:

@@ -277,7 +277,7 @@ def test_an_amplitude_is_held_against_what_the_control_lacks(base, whole, monkey
     assert "amplitude" not in study.case(base, "effective_area", 0, 1)["planted"]
 
 
-def test_intervals_hold_what_was_planted_less_what_the_control_has():
+def test_intervals_hold_what_was_planted_as_it_is_and_less_what_the_control_has():
     nan = np.nan
     made = xr.Dataset(
         {
@@ -295,7 +295,8 @@ def test_intervals_hold_what_was_planted_less_what_the_control_has():
         }
     )
     assert document.intervals(made) == [
-        ("emission_line, norm", 1, 2), ("emission_line, energy", 1, 1), ("gain_slope, slope", 2, 3),
+        ("emission_line, norm", 2, 2), ("less what the control has", 1, 2), ("emission_line, energy", 1, 1),
+        ("gain_slope, slope", 2, 3), ("less what the control has", 2, 3),
     ]  # fmt: skip
 
 
