@@ -28,7 +28,6 @@ from gaugeblock import discovery, simulators
 from gaugeblock.core.progress import Bars
 from studies import nulls
 from studies.hidden.instrument import Instrument
-from studies.hidden.spectrum import gaussian
 from studies.kit.command import carried_out, given_folder, of_a_commit, seeded
 from studies.kit.lines import NEAR, size_of
 from studies.kit.page import fill, table
@@ -43,16 +42,15 @@ NUMBER = 200
 COUNTS, NATS = (1e4, 1e5), (40.0, 200.0)
 """Of the continuum in the band, and won by the line where all else is known: log-uniform."""
 
-SIGMA = 0.005
-"""Standard deviation of a line, keV: narrower than any detector here resolves."""
-
 Array = NDArray[np.float64]
 Rng = np.random.Generator
 
 
 def planted(energy: float, nats: float, tool: Instrument, mean: Array, inside: NDArray[np.bool_]) -> Array:
-    """Counts ``(channel,)`` of a narrow line that wins so many nats over a known mean."""
-    shape = tool.recorded(lambda at: gaussian(at, energy, SIGMA))[inside]
+    """Counts ``(channel,)`` of a line of one energy that wins so many nats over a known mean."""
+    middle = tool.energies.mean(axis=1)
+    alone = (np.arange(len(middle)) == np.abs(middle - energy).argmin()).astype(float)
+    shape = np.asarray(tool.redistribution @ alone)[inside]
     shape, known = shape / shape.sum(), np.maximum(mean[inside], 1e-9)
     found = np.zeros_like(mean)
     found[inside] = size_of(nats, shape, known) * shape

@@ -1,8 +1,11 @@
 """Lines at energies of nothing: as strong as they say, where they say, and counted as they are called."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import xarray as xr
+from scipy import sparse
 
 pytest.importorskip("jaxspec")
 from studies import coincidences, nulls
@@ -27,6 +30,19 @@ def test_a_line_wins_as_many_nats_as_were_asked_for_where_it_was_put(tool):
         won = (with_it * np.log(with_it / mean[inside]) - line[inside]).sum()
         assert won == pytest.approx(nats, rel=1e-6)
         assert at[np.argmax(line[inside])] == pytest.approx(4.2, abs=0.05)
+
+
+@pytest.mark.parametrize("energy", [5.3265, 7.4498])
+def test_a_line_falls_between_no_bins(tool, energy):
+    """Of a detector whose energy bins are 40 eV wide, and one with the counts of the EPIC-pn."""
+    wide = replace(
+        tool,
+        energies=np.arange(3.02, 10.0, 0.04)[:, None] + np.array([-0.01, 0.01]),
+        redistribution=sparse.csr_array(np.eye(len(tool.edges) - 1)[:, 600 : 600 + 175]),
+    )
+    inside = np.ones(len(tool.edges) - 1, dtype=bool)
+    line = coincidences.planted(energy, 80.0, wide, np.full(len(inside), 40.0), inside)
+    assert np.flatnonzero(line).tolist() == [600 + round((energy - 3.02) / 0.04)]
 
 
 def test_a_spectrum_with_a_line_has_its_counts_besides():
