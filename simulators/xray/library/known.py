@@ -37,7 +37,8 @@ _TRIPLET = {
     "S": (2.44714, 2.43034), "Ar": (3.12352, 3.10410), "Ca": (3.88340, 3.86114), "Fe": (6.66755, 6.63659),
     "Ni": (7.7657, 7.7316),
 }  # fmt: skip
-"""The intercombination line 1s2 - 1s2p 3P1 and the forbidden one, 1s2 - 1s2s 3S1, of the same paper."""
+"""The intercombination line 1s2 - 1s2p 3P1 and the forbidden one, 1s2 - 1s2s 3S1, as NIST's Atomic Spectra
+Database has them: Drake's within an eV."""
 
 _IONS = {
     "C": 6, "N": 7, "O": 8, "F": 9, "Ne": 10, "Na": 11, "Mg": 12, "Al": 13, "Si": 14, "P": 15, "S": 16,
