@@ -244,3 +244,7 @@ def test_a_ledger_counts_other_summaries(tmp_path: Path) -> None:
     options: dict[str, Any] = {"ledger": tmp_path / "ledger.json"}
     audited(out=tmp_path / "a", summaries=product, **options)
     assert audited(out=tmp_path / "b", summaries=other, **options).verdict.looks.number == 2
+    # Known by chance alone, and entered once.
+    sign = 1.0
+    third = audited(out=tmp_path / "c", summaries=lambda x: sign * product(x), **options)
+    assert third.verdict.looks.number == 3

@@ -161,6 +161,7 @@ def audit(
     if anytime:
         table = table.model_copy(update={"anytime": True})
     said = as_function(summaries)
+    summarised = {} if said is None else {"summaries": function_identity(said)}
     if said is not None and table.anytime:
         raise InputError("summaries: are no part of an anytime audit, which learns as it goes; leave out one")
     observed = read_observation(table.observation if observation is None else observation)
@@ -179,7 +180,7 @@ def audit(
         side_by_side=executor is not None,
         alone=True,
         commitment=commitment,
-        summaries=said,
+        summarised=summarised,
     )
     with begin as run:
         simulated, estimating, plan, folder, tell = (
@@ -191,7 +192,7 @@ def audit(
         )
         subjects, entry = run.subjects, run.entry
         watch = Watch(rules, plan.seed) if table.anytime else None
-        made = _trials_record(plan, table, said)
+        made = _trials_record(plan, table, summarised)
         same = {**subjects, "trials": made}
         if observed is not None:
             fitting(simulated, observed.data, seed=plan.seed)
@@ -403,7 +404,7 @@ def _begun(
     release: bool = False,
     progress: Progress | bool | None = None,
     commitment: tuple[Path, Path | None] | None = None,
-    summaries: Function | None = None,
+    summarised: Mapping[str, Any] = MappingProxyType({}),
 ) -> Iterator[_Run]:
     """An audit about to begin, entered in its ledger; what it holds open ends with the block."""
     if hasattr(estimator, "simulate") and not hasattr(estimator, "sample"):
@@ -455,7 +456,7 @@ def _begun(
         check_fresh(estimating, plan.seed)
         entry = None
         if ledger is not None:
-            about = {**subjects, "trials": _trials_record(plan, table, summaries)}
+            about = {**subjects, "trials": _trials_record(plan, table, summarised)}
             entry = entered(Path(ledger), about, rules, release=release)
             plan = replace(plan, seed=entry.seed)
         yield _Run(
@@ -471,14 +472,9 @@ def _begun(
         )
 
 
-def _trials_record(plan: Plan, table: TrialsTable, summaries: Function | None) -> dict[str, Any]:
+def _trials_record(plan: Plan, table: TrialsTable, summarised: Mapping[str, Any]) -> dict[str, Any]:
     """How trials are made, for provenance, and for the records of looks."""
-    asked = {"anytime": True} if table.anytime else {}
-    return {
-        **vars(plan),
-        **asked,
-        **({} if summaries is None else {"summaries": function_identity(summaries)}),
-    }
+    return {**vars(plan), **({"anytime": True} if table.anytime else {}), **summarised}
 
 
 def audit_draws(
