@@ -355,7 +355,7 @@ def test_what_is_certain_is_measured_beside_nothing_that_is_not(library, monkeyp
     )
     (edge,) = engine.fitted(engine.look(), ["edge"], None)
     (both,) = engine.fitted(engine.after(edge), ["line"], edge)
-    measured = {}
+    measured, halves = {}, []
 
     def held_out(place, sources, start, *, rng):
         names = place.simulator.prior.names
@@ -364,6 +364,7 @@ def test_what_is_certain_is_measured_beside_nothing_that_is_not(library, monkeyp
         kept = [name for name in ("edge", "line") if any(own.startswith(name) for own in names)]
         assert place.key not in measured, "measured twice"
         measured[place.key] = (tuple(kept), start)
+        halves.append(rng.random())
         return SimpleAmplitude(place.key, {})
 
     monkeypatch.setattr("gaugeblock.discovery.counts.held_out_amplitude", held_out)
@@ -371,6 +372,7 @@ def test_what_is_certain_is_measured_beside_nothing_that_is_not(library, monkeyp
     rounds = [Round(engine.look(), (Comparison(both, 0.0, 0.0),))]
     assert [one.effect for one in engine.amplitudes(rounds, certain)] == ["edge", "line"]
     assert {key: kept for key, (kept, _) in measured.items()} == beside
+    assert len(set(halves)) == 2
     for kept, start in measured.values():
         # Where the fit of that very model is, beside what floats of an instrument.
         model = both if len(kept) == 2 else engine.fitted(engine.look(), list(kept), None)[0]

@@ -32,7 +32,7 @@ def test_a_line_wins_as_many_nats_as_were_asked_for_where_it_was_put(tool):
         assert at[np.argmax(line[inside])] == pytest.approx(4.2, abs=0.05)
 
 
-@pytest.mark.parametrize("energy", [5.3265, 7.4498])
+@pytest.mark.parametrize("energy", [5.3265, 6.03, 7.4498])
 def test_a_line_falls_between_no_bins(tool, energy):
     """Of a detector whose energy bins are 40 eV wide, and one with the counts of the EPIC-pn."""
     wide = replace(
