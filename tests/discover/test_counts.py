@@ -364,7 +364,7 @@ def test_what_is_certain_is_measured_beside_nothing_that_is_not(library, monkeyp
         kept = [name for name in ("edge", "line") if any(own.startswith(name) for own in names)]
         assert place.key not in measured, "measured twice"
         measured[place.key] = (tuple(kept), start)
-        halves.append(rng.random())
+        halves.append(rng)
         return SimpleAmplitude(place.key, {})
 
     monkeypatch.setattr("gaugeblock.discovery.counts.held_out_amplitude", held_out)
@@ -372,7 +372,7 @@ def test_what_is_certain_is_measured_beside_nothing_that_is_not(library, monkeyp
     rounds = [Round(engine.look(), (Comparison(both, 0.0, 0.0),))]
     assert [one.effect for one in engine.amplitudes(rounds, certain)] == ["edge", "line"]
     assert {key: kept for key, (kept, _) in measured.items()} == beside
-    assert len(set(halves)) == 2
+    assert halves[0] is not halves[1]
     for kept, start in measured.values():
         # Where the fit of that very model is, beside what floats of an instrument.
         model = both if len(kept) == 2 else engine.fitted(engine.look(), list(kept), None)[0]
