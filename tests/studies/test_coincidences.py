@@ -9,7 +9,7 @@ from scipy import sparse
 
 pytest.importorskip("jaxspec")
 from studies import coincidences, nulls
-from studies.kit.results import write
+from studies.kit.results import DOCS, RESULTS, read, write
 
 pytestmark = pytest.mark.usefixtures("xray_data")
 
@@ -100,6 +100,12 @@ def test_the_page_is_made_of_what_is_stored(four, tmp_path):
     (tmp_path / "measured.md").write_text("<!-- measured coincidences --><!-- /measured coincidences -->")
     assert coincidences.main(["--page", "--out", str(tmp_path), "--docs", str(tmp_path)]) == 0
     assert coincidences.shown(four) in (tmp_path / "measured.md").read_text()
+
+
+def test_the_page_has_the_committed_table():
+    made = read(RESULTS / "coincidences.nc")
+    assert coincidences.shown(made) in (DOCS / "measured.md").read_text(encoding="utf-8")
+    assert made.sizes["row"] == coincidences.NUMBER
 
 
 def test_one_case_runs_from_files_to_names():
