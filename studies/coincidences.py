@@ -30,8 +30,8 @@ from studies import nulls
 from studies.hidden.instrument import Instrument
 from studies.kit.command import carried_out, given_folder, of_a_commit, seeded
 from studies.kit.lines import NEAR, size_of
-from studies.kit.page import fill, table
-from studies.kit.results import clopper_pearson, measured_commit, read, write
+from studies.kit.page import counted, fill, table
+from studies.kit.results import measured_commit, read, write
 from studies.kit.resume import Pieces, code_of, stream
 
 NAME = "studies coincidences"
@@ -133,9 +133,7 @@ def shown(made: xr.Dataset) -> str:
     for name in [*dict.fromkeys(made["instrument"].values.tolist()), "all"]:
         mine = there & ((made["instrument"].values == name) | (name == "all"))
         named = mine & (made["names"].values != "")
-        bare = int(mine.sum() - named.sum())
-        low, high = clopper_pearson(bare, int(mine.sum())) if mine.any() else (np.nan, np.nan)
-        rate = f"{bare} of {mine.sum()} ({low:.1%} to {high:.1%})"
+        rate = counted(int(mine.sum() - named.sum()), int(mine.sum()), digits=1)
         told = "; ".join(dict.fromkeys(made["names"].values[named].tolist())) or "-"
         lines.append(
             [name, str(int(((made["instrument"].values == name) | (name == "all")).sum())), rate, told]

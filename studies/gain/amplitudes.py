@@ -25,8 +25,8 @@ from studies.gain.pools import LARGE, GainPool
 from studies.gain.study import pieces_of
 from studies.gain.whole import profiled
 from studies.kit.command import carried_out, given, of_a_commit, seeded
-from studies.kit.page import fill, table
-from studies.kit.results import clopper_pearson, measured_commit, read, write
+from studies.kit.page import counted, fill, table
+from studies.kit.results import measured_commit, read, write
 from studies.kit.resume import Pieces
 
 NAME = "studies gain-amplitudes"
@@ -76,8 +76,7 @@ def shown(made: xr.Dataset) -> str:
 
 def _held(part: xr.Dataset) -> str:
     inside = ((part["low"] < part["truth"]) & (part["truth"] < part["high"])).values
-    low, high = clopper_pearson(int(inside.sum()), inside.size)
-    return f"{inside.sum()} of {inside.size} ({low:.0%} to {high:.0%})"
+    return counted(int(inside.sum()), inside.size)
 
 
 def run(chosen: argparse.Namespace, command: str) -> None:

@@ -7,12 +7,23 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from gaugeblock.core.atomic import write_atomically
+from studies.kit.results import clopper_pearson
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """A Markdown table."""
     lines = [header, ["---"] * len(header), *rows]
     return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)
+
+
+def counted(count: int, number: int, *, digits: int = 0) -> str:
+    """So many of a number, with the exact 95% limits of their rate.
+
+    >>> counted(9, 10), counted(0, 0, digits=1)
+    ('9 of 10 (55% to 100%)', '0 of 0 (0.0% to 100.0%)')
+    """
+    low, high = clopper_pearson(count, number) if number else (0.0, 1.0)
+    return f"{count} of {number} ({low:.{digits}%} to {high:.{digits}%})"
 
 
 def filled(text: str, blocks: Mapping[str, str]) -> str:

@@ -11,8 +11,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from studies.kit.page import fill, table
-from studies.kit.results import clopper_pearson, measured_commit, read
+from studies.kit.page import counted, fill, table
+from studies.kit.results import measured_commit, read
 from studies.measured import CONTROLS
 from studies.planted.faults import FAULTS, MEASURED
 
@@ -74,7 +74,7 @@ def shown(made: xr.Dataset) -> str:
     text = f"{table(heads, lines)}\n\n{measured_commit(made)}"
     if "without" not in made:
         return text
-    told = "; ".join(f"{words}: {of(held, number)}" for words, held, number in intervals(made))
+    told = "; ".join(f"{words}: {counted(held, number)}" for words, held, number in intervals(made))
     return f"{text} 90% intervals that hold what was planted: {told}."
 
 
@@ -111,7 +111,7 @@ def headlines(rows: Mapping[str, Mapping[str, Any]], sets: Mapping[str, xr.Datas
     """
     strong = [row for row in rows.values() if row["kind"] not in CONTROLS]
     sound = [row for row in rows.values() if row["kind"] in CONTROLS]
-    counted = {
+    found = {
         "twelve with known answers": (
             (sum(row["right"] for row in strong), len(strong)),
             (sum(not row["certain"] for row in sound), len(sound)),
@@ -121,21 +121,21 @@ def headlines(rows: Mapping[str, Mapping[str, Any]], sets: Mapping[str, xr.Datas
     for name, made in sets.items():
         control = made["fault"].values == "control"
         loud = ~control & ((made["statistic"] - made["bins"]).values >= STRONG)
-        certain = [found.split() for found in made["certain"].values]
+        certain = [names.split() for names in made["certain"].values]
         wrong = [
             any(one not in (fault, *(FAULTS[fault].tolerated if fault in FAULTS else ())) for one in said)
             for fault, said in zip(made["fault"].values, certain, strict=True)
         ]
-        counted[name] = (
+        found[name] = (
             (int(made["right"].values[loud].sum()), int(loud.sum())),
             (sum(not one for one, quiet in zip(certain, control, strict=True) if quiet), int(control.sum())),
             (sum(wrong), len(wrong)),
         )
-    counted["together"] = tuple(
-        tuple(map(sum, zip(*column, strict=True))) for column in zip(*counted.values(), strict=True)
+    found["together"] = tuple(
+        tuple(map(sum, zip(*column, strict=True))) for column in zip(*found.values(), strict=True)
     )
     heads = ["cases", "strong: headline right", "controls: nothing certain", "anything certain and wrong"]
-    return table(heads, [[name, *(of(*pair) for pair in three)] for name, three in counted.items()])
+    return table(heads, [[name, *(counted(*pair) for pair in three)] for name, three in found.items()])
 
 
 def _held(part: xr.Dataset) -> NDArray[np.bool_]:
@@ -146,10 +146,4 @@ def _held(part: xr.Dataset) -> NDArray[np.bool_]:
 
 def _rate(part: xr.Dataset, found: NDArray[np.bool_] | None = None) -> str:
     """Of these cases those that are right, or of which something else was found."""
-    return of(int((part["right"].values if found is None else found).sum()), part.sizes["row"])
-
-
-def of(right: int, number: int) -> str:
-    """A rate with its exact 95% limits."""
-    low, high = clopper_pearson(right, number) if number else (0.0, 1.0)
-    return f"{right} of {number} ({low:.0%} to {high:.0%})"
+    return counted(int((part["right"].values if found is None else found).sum()), part.sizes["row"])

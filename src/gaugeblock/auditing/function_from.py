@@ -33,11 +33,11 @@ def function_identity(function: Callable[..., Any]) -> dict[str, Any]:
 
     Whatever cannot be told from another is another one every time.
     """
-    if inspect.isroutine(function):
-        record = {"class": getattr(function, "__qualname__", ""), **source_of(function)}
-        owner = getattr(function, "__self__", None)
-        if owner is not None and not inspect.ismodule(owner):
-            record = {"class": record["class"], "of": identity(owner)}
-    else:
+    owner, name = getattr(function, "__self__", None), getattr(function, "__qualname__", "")
+    if not inspect.isroutine(function):
         record = identity(function)
+    elif owner is None or inspect.ismodule(owner):
+        record = {"class": name, **source_of(function)}
+    else:
+        record = {"class": name, "of": identity(owner)}
     return record if lasting(record) else {**record, "once": secrets.token_hex(8)}
