@@ -27,8 +27,8 @@ import numpy as np
 import xarray as xr
 
 import gaugeblock as gb
-from gaugeblock.auditing.audit import judged_and_kept
 from gaugeblock.auditing.config import as_policy
+from gaugeblock.auditing.judging import judged_and_kept
 from gaugeblock.auditing.result import Audit
 from gaugeblock.core.atomic import write_atomically
 from gaugeblock.core.errors import InputError

@@ -88,7 +88,7 @@ INSIDE = {
             "watch",
             "trials_from",
         ),
-        ("attest", "audit", "model_choice", "discovering", "verify"),
+        ("attest", "audit", "audit_draws", "model_choice", "discovering", "verify"),
     ),
 }
 """In every room: what lies below the rest of it, and what lies above."""

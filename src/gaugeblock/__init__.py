@@ -14,11 +14,13 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 _PLACES = {
-    "auditing.audit": ("audit", "audit_draws", "judge"),
+    "auditing.audit": ("audit",),
+    "auditing.audit_draws": ("audit_draws",),
     "auditing.checked": ("Check",),
     "auditing.checking": ("check",),
     "auditing.discovering": ("discover",),
     "auditing.estimator_from": ("load",),
+    "auditing.judging": ("judge",),
     "auditing.model_choice": ("audit_models",),
     "auditing.planned": ("plan",),
     "auditing.result": ("Audit",),
@@ -39,12 +41,12 @@ _NAMES = {name: module for module, names in _PLACES.items() for name in names}
 
 if TYPE_CHECKING:
     from gaugeblock.auditing.audit import audit as audit
-    from gaugeblock.auditing.audit import audit_draws as audit_draws
-    from gaugeblock.auditing.audit import judge as judge
+    from gaugeblock.auditing.audit_draws import audit_draws as audit_draws
     from gaugeblock.auditing.checked import Check as Check
     from gaugeblock.auditing.checking import check as check
     from gaugeblock.auditing.discovering import discover as discover
     from gaugeblock.auditing.estimator_from import load as load
+    from gaugeblock.auditing.judging import judge as judge
     from gaugeblock.auditing.model_choice import audit_models as audit_models
     from gaugeblock.auditing.planned import plan as plan
     from gaugeblock.auditing.result import Audit as Audit

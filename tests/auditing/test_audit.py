@@ -12,9 +12,11 @@ import numpy as np
 import pytest
 
 import gaugeblock as gb
-from gaugeblock.auditing.audit import audit, audit_configured, audit_draws, audit_part, judge
+from gaugeblock.auditing.audit import audit, audit_configured, audit_part
+from gaugeblock.auditing.audit_draws import audit_draws
 from gaugeblock.auditing.config import TrialsTable, read_config
 from gaugeblock.auditing.identity import identity, versions
+from gaugeblock.auditing.judging import judge
 from gaugeblock.auditing.trusted import SEED
 from gaugeblock.auditing.workplace import alone_in
 from gaugeblock.core.digest import digest, file_digest

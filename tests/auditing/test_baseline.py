@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from gaugeblock.auditing.audit import audit_draws, judge
+from gaugeblock.auditing.audit_draws import audit_draws
 from gaugeblock.auditing.baseline import read_baseline
 from gaugeblock.auditing.explain import explained, suggested_by_name
+from gaugeblock.auditing.judging import judge
 from gaugeblock.auditing.verify import verify
 from gaugeblock.cli import app
 from gaugeblock.core.errors import InputError

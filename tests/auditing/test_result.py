@@ -14,7 +14,7 @@ import pytest
 
 import gaugeblock as gb
 from gaugeblock.auditing import diagnosing
-from gaugeblock.auditing.audit import audit_draws
+from gaugeblock.auditing.audit_draws import audit_draws
 from gaugeblock.auditing.result import RESOURCES, Audit, Gates, UnknownGateError, write_arrays
 from gaugeblock.auditing.verify import verify
 from gaugeblock.core.errors import InputError

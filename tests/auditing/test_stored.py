@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 from tests.reports.discovery.conftest import named_summary, single_tree
 
-from gaugeblock.auditing.audit import audit_draws, judge
+from gaugeblock.auditing.audit_draws import audit_draws
+from gaugeblock.auditing.judging import judge
 from gaugeblock.auditing.stored import compare_folders, report_folder, stored_audit
 from gaugeblock.core.errors import InputError
 from gaugeblock.reports.discovery import write_discovery

@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from gaugeblock.auditing.audit import audit, audit_draws, judge
+from gaugeblock.auditing.audit import audit
+from gaugeblock.auditing.audit_draws import audit_draws
 from gaugeblock.auditing.compare import NEAR
 from gaugeblock.auditing.config import TrialsTable
+from gaugeblock.auditing.judging import judge
 from gaugeblock.auditing.verify import verify
 from gaugeblock.cli import app
 from gaugeblock.core.digest import file_digest

@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gaugeblock.auditing.audit import audit, judge
+from gaugeblock.auditing.audit import audit
 from gaugeblock.auditing.collect import collect, fingerprint
 from gaugeblock.auditing.config import AuditConfig
+from gaugeblock.auditing.judging import judge
 from gaugeblock.auditing.result import Audit
 from gaugeblock.auditing.samples import Plan
 from gaugeblock.auditing.watch import WATCHED, Watch, watched

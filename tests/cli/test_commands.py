@@ -18,7 +18,8 @@ from tests.cli.inside import Said, inside
 
 from gaugeblock.auditing import attest as attesting
 from gaugeblock.auditing import audit as audits
-from gaugeblock.auditing import checking, discovering, planned, stored
+from gaugeblock.auditing import audit_draws as draws_in_hand
+from gaugeblock.auditing import checking, discovering, judging, planned, stored
 from gaugeblock.auditing import verify as verifying
 from gaugeblock.cli import commands
 from gaugeblock.cli.options import command, stranger_settings
@@ -54,10 +55,10 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> Calls:
     found = Calls()
     for module, name in (
         (audits, "audit_configured"),
-        (audits, "audit_draws"),
+        (draws_in_hand, "audit_draws"),
         (audits, "audit_part"),
         (audits, "commit"),
-        (audits, "judge"),
+        (judging, "judge"),
         (checking, "check"),
         (discovering, "discover"),
     ):

@@ -11,7 +11,8 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from gaugeblock.auditing.audit import audit, judge
+from gaugeblock.auditing.audit import audit
+from gaugeblock.auditing.judging import judge
 from gaugeblock.auditing.verify import policy_in_words, verify
 from gaugeblock.auditing.workplace import CHUNKS, LOCK, discard
 from gaugeblock.cli import app

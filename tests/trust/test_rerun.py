@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from gaugeblock.auditing.audit import audit, judged_and_kept
+from gaugeblock.auditing.audit import audit
 from gaugeblock.auditing.config import as_policy
+from gaugeblock.auditing.judging import judged_and_kept
 from gaugeblock.auditing.looks import stored_looks
 from gaugeblock.auditing.provenance import finished_audit
 from gaugeblock.auditing.rerun import chance_to_catch, rerun

@@ -3,66 +3,32 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Executor
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
-import xarray as xr
-from numpy.typing import ArrayLike
-
-from gaugeblock.auditing.baseline import compared, kept_baseline, read_baseline
+from gaugeblock.auditing.baseline import read_baseline
+from gaugeblock.auditing.beginning import begun, trials_record
 from gaugeblock.auditing.collect import collect, collect_part, fingerprint
-from gaugeblock.auditing.commitment import committed, content_of
-from gaugeblock.auditing.commitment import opened as commitment_opened
 from gaugeblock.auditing.config import AuditConfig, PolicyLike, TrialsTable, as_policy, as_trials_table
-from gaugeblock.auditing.diagnosing import derived_diagnosis, with_diagnosis
-from gaugeblock.auditing.estimator_from import as_estimator
-from gaugeblock.auditing.explain import explained
 from gaugeblock.auditing.function_from import as_function, function_identity
-from gaugeblock.auditing.identity import identity, versions
-from gaugeblock.auditing.kept_seed import kept_seed
-from gaugeblock.auditing.ledger import Entry, check_ledger, entered
-from gaugeblock.auditing.looks import audit_look, draws_look, earlier_trials, look_at, stored_looks
+from gaugeblock.auditing.judging import judged_and_kept
+from gaugeblock.auditing.looks import audit_look, earlier_trials, look_at
 from gaugeblock.auditing.observation import fitting, read_observation, trials_around
-from gaugeblock.auditing.phases import end_phase, ended
-from gaugeblock.auditing.provenance import FORMAT, digests, finished_audit, named, title
-from gaugeblock.auditing.result import Audit, write_arrays
-from gaugeblock.auditing.samples import Plan
-from gaugeblock.auditing.trials_from import any_trials
-from gaugeblock.auditing.trials_from.in_hand import trials_in_hand
-from gaugeblock.auditing.trusted import DRAWS, trust_record, with_densities
+from gaugeblock.auditing.phases import end_phase
+from gaugeblock.auditing.result import Audit
+from gaugeblock.auditing.trusted import trust_record
 from gaugeblock.auditing.watch import Watch, watched
-from gaugeblock.auditing.workplace import CHUNKS, discard, workplace
-from gaugeblock.core.atomic import made_folder
-from gaugeblock.core.digest import digest, file_digest
+from gaugeblock.auditing.workplace import CHUNKS, discard
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.processors import kinds
-from gaugeblock.core.progress import Progress, shown
+from gaugeblock.core.progress import Progress
 from gaugeblock.core.trust import only_named
-from gaugeblock.diagnosis.diagnosis import Asked
-from gaugeblock.estimators.protocol import (
-    Confined,
-    Estimator,
-    Listed,
-    check_fresh,
-    devices,
-    layers,
-    untrusted,
-)
-from gaugeblock.reports.machine import plain as plain_data
-from gaugeblock.simulators.from_function import as_simulator
-from gaugeblock.simulators.protocol import HasLikelihood, Simulator
-from gaugeblock.validate import Outcome, Policy, run_validators
-from gaugeblock.validate import judge as judged
-from gaugeblock.validate.findings_file import read_findings
-from gaugeblock.validate.looks import Looks
+from gaugeblock.estimators.protocol import Confined, Listed, devices, layers
 from gaugeblock.validate.summaries import Function, with_summaries
-from gaugeblock.validate.trials import POSTERIOR, add_group, read_trials, trials_tree
-from gaugeblock.validate.validators import check_validators, default_validators
+from gaugeblock.validate.trials import POSTERIOR, add_group
+from gaugeblock.validate.validators import check_validators
 
 
 def audit(
@@ -165,7 +131,7 @@ def audit(
     if said is not None and table.anytime:
         raise InputError("summaries: are no part of an anytime audit, which learns as it goes; leave out one")
     observed = read_observation(table.observation if observation is None else observation)
-    begin = _begun(
+    begin = begun(
         estimator,
         simulator,
         table,
@@ -192,7 +158,7 @@ def audit(
         )
         subjects, entry = run.subjects, run.entry
         watch = Watch(rules, plan.seed) if table.anytime else None
-        made = _trials_record(plan, table, summarised)
+        made = trials_record(plan, table, summarised)
         same = {**subjects, "trials": made}
         if observed is not None:
             fitting(simulated, observed.data, seed=plan.seed)
@@ -314,7 +280,7 @@ def commit(config: AuditConfig, path: Path, *, policy: PolicyLike | None = None)
     InputError
         As `audit`; if the configuration has a seed; or if the file is a commitment to something else.
     """
-    begin = _begun(
+    begin = begun(
         config.estimator.table,
         config.simulator.table,
         config.trials,
@@ -347,7 +313,7 @@ def audit_part(
     InputError
         As `audit`; or if parts of another plan are in the folder.
     """
-    begin = _begun(
+    begin = begun(
         config.estimator.table,
         config.simulator.table,
         config.trials,
@@ -370,284 +336,3 @@ def audit_part(
             executor=executor,
             allow_mixed=allow_mixed,
         )
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Run:
-    """An audit before its first trial: who is audited on what, the plan with its seed, and where."""
-
-    simulator: Simulator
-    estimator: Estimator
-    plan: Plan
-    subjects: Mapping[str, Any]
-    drawn: bool
-    entry: Entry | None
-    commitment: Mapping[str, Any] | None
-    folder: Path
-    tell: Progress
-
-
-@contextmanager
-def _begun(
-    estimator: Any,
-    simulator: Any,
-    table: TrialsTable,
-    rules: Policy,
-    *,
-    out: str | os.PathLike[str] | None,
-    side_by_side: bool,
-    alone: bool,
-    prior: Any = None,
-    names: Sequence[str] | None = None,
-    densities: bool | None = None,
-    ledger: str | os.PathLike[str] | None = None,
-    release: bool = False,
-    progress: Progress | bool | None = None,
-    commitment: tuple[Path, Path | None] | None = None,
-    summarised: Mapping[str, Any] = MappingProxyType({}),
-) -> Iterator[_Run]:
-    """An audit about to begin, entered in its ledger; what it holds open ends with the block."""
-    if hasattr(estimator, "simulate") and not hasattr(estimator, "sample"):
-        raise InputError(
-            f"the estimator is a {type(estimator).__name__}, which simulates; "
-            "the order is (estimator, simulator)"
-        )
-    if release and ledger is None:
-        raise InputError(
-            "a release audit draws a seed that its ledger has not seen: give one with --ledger FILE"
-        )
-    if release and "seed" in table.model_fields_set:
-        raise InputError("a release audit draws its own seed: leave out --seed, and seed of [trials]")
-    if commitment is not None and (release or "seed" in table.model_fields_set):
-        raise InputError("a commitment makes its own seed: leave out --seed, seed of [trials], and --release")
-    if ledger is not None:
-        check_ledger(Path(ledger))
-    simulated = as_simulator(simulator, prior=prior, names=names)
-    dense = isinstance(simulated, HasLikelihood) if densities is None else densities
-    estimating = as_estimator(estimator, simulated, densities=dense)
-    if side_by_side and untrusted(estimating):
-        raise InputError(
-            "an estimator that nobody vouches for answers one process alone, which sees to it that all draws "
-            "come before any density: leave out workers, scheduler, part and executor"
-        )
-    plan = table.plan()
-    # What the caller made is the caller's to end.
-    with (
-        ended(None if estimating is estimator else estimating),
-        shown(progress) as tell,
-        workplace(out, alone=alone) as folder,
-    ):
-        subjects = {
-            "simulator": {**named(simulator), **identity(simulated)},
-            "estimator": {**named(estimator), **identity(estimating)},
-        }
-        drawn, kept_commitment = False, None
-        if commitment is not None:
-            content = content_of(subjects, rules, plan)
-            if commitment[1] is None:
-                committed(commitment[0], content)
-            else:
-                kept_commitment = commitment_opened(commitment[0], commitment[1], content)
-                plan = replace(plan, seed=kept_commitment["seed"])
-        elif untrusted(estimating) and "seed" not in table.model_fields_set and not release:
-            # A stranger that can foresee the seed could draw the truths again.
-            kept = fingerprint(simulated, estimating, replace(plan, seed=0))
-            plan, drawn = replace(plan, seed=kept_seed(folder / CHUNKS, kept)), True
-        check_fresh(estimating, plan.seed)
-        entry = None
-        if ledger is not None:
-            about = {**subjects, "trials": _trials_record(plan, table, summarised)}
-            entry = entered(Path(ledger), about, rules, release=release)
-            plan = replace(plan, seed=entry.seed)
-        yield _Run(
-            simulator=simulated,
-            estimator=estimating,
-            plan=plan,
-            subjects=subjects,
-            drawn=drawn,
-            entry=entry,
-            commitment=kept_commitment,
-            folder=folder,
-            tell=tell,
-        )
-
-
-def _trials_record(plan: Plan, table: TrialsTable, summarised: Mapping[str, Any]) -> dict[str, Any]:
-    """How trials are made, for provenance, and for the records of looks."""
-    return {**vars(plan), **({"anytime": True} if table.anytime else {}), **summarised}
-
-
-def audit_draws(
-    theta_true: Any,
-    draws: ArrayLike | None = None,
-    *,
-    x: Any = None,
-    names: Sequence[str] | None = None,
-    log_q: ArrayLike | None = None,
-    log_q_true: ArrayLike | None = None,
-    weight: ArrayLike | None = None,
-    autocorrelated: bool = False,
-    seed: int = 0,
-    policy: PolicyLike = "default",
-    out: str | os.PathLike[str] | None = None,
-    baseline: str | os.PathLike[str] | None = None,
-    progress: Progress | bool | None = None,
-    validators: Iterable[str] | None = None,
-    summaries: Function | str | None = None,
-    command: str = "",
-) -> Audit:
-    """Judge draws in hand: run what they allow, and list what they do not.
-
-    Parameters
-    ----------
-    theta_true : array ``(trial, parameter)``, arrays by name, or a source of everything
-        The truths behind each data set, as an array, a table with columns or a dictionary of arrays; or,
-        without `draws`, a path of a NetCDF file (Trials, or ArviZ's groups) or of an ``.npz`` whose arrays
-        have the names of these arguments, a Dataset or DataTree of Trials, or an ArviZ object of many fits.
-    draws : array ``(trial, draw, parameter)``, or arrays ``(trial, draw, ...)`` by name
-        Posterior draws given the data of each trial. An xarray array may have its axes in any order.
-    x : array ``(trial, ...)``, table, arrays by name, or its name among the truths, optional
-        The data themselves: without them nothing says whether the draws depend on them as they should. Their
-        values are called by a table's columns, an xarray array's coordinates or a dictionary's keys.
-    names : sequence of str, optional
-        Of the parameters.
-    log_q, log_q_true, weight : arrays, optional
-        ``(trial, draw)``, ``(trial,)`` and ``(trial, draw)``: natural log densities of draws and truths,
-        linear weights of draws.
-    autocorrelated : bool
-        Whether the draws are said to come from Markov chains: a remark; the audit measures their order.
-
-    The other arguments are those of `audit`.
-
-    Raises
-    ------
-    InputError
-        If the draws cannot be read or do not fit together.
-    """
-    rules, earlier = as_policy(policy), None if baseline is None else read_baseline(Path(baseline))
-    if draws is None:
-        tree = any_trials(theta_true, names=names)
-    else:
-        arrays = {"x": x, "log_q": log_q, "log_q_true": log_q_true, "weight": weight}
-        tree = trials_tree(
-            trials_in_hand(theta_true, draws, names=names, autocorrelated=autocorrelated, **arrays)
-        )
-    if (said := as_function(summaries)) is not None:
-        tree = with_summaries(tree, said)
-    file = theta_true if isinstance(theta_true, str | os.PathLike) else None
-    record = {} if file is None else {"file": str(file), "file_sha256": file_digest(Path(file))}
-    folder = None if out is None else made_folder(out)
-    with shown(progress) as tell:
-        return judged_and_kept(
-            tree,
-            rules,
-            seed=seed,
-            validators=None if validators is None else tuple(validators),
-            provenance={"command": command, "seed": seed, "trials": record, "trust": DRAWS},
-            out=folder,
-            earlier=earlier,
-            looks=look_at(folder, draws_look(tree, rules, seed=seed)),
-            progress=tell,
-        )
-
-
-def judge(
-    audited: Audit | str | os.PathLike[str],
-    policy: PolicyLike = "default",
-    *,
-    out: str | os.PathLike[str] | None = None,
-    seed: int | None = None,
-    command: str = "",
-) -> Audit:
-    """Judge the findings of an audit, or of one in a folder, under another policy; nothing is sampled.
-
-    `seed` is of the bootstrap behind the simultaneous intervals; without it, the earlier audit's. What that
-    one was compared with, this one is compared with too. Reports are written into `out`, if there is one.
-
-    Raises
-    ------
-    InputError
-        If the folder does not hold an audit, or the policy cannot be used.
-    """
-    rules = as_policy(policy)
-    if isinstance(audited, Audit):
-        trials, findings, not_checked = audited.trials, audited.findings, audited.not_checked
-        earlier, kept = dict(audited.verdict.provenance), audited.verdict.baseline
-        baseline: Mapping[str, Any] | None = None if kept is None else kept["earlier"]
-        looks, known = audited.verdict.looks, audited.verdict.diagnosis
-    else:
-        folder = Path(audited)
-        trials = read_trials(folder / "trials.nc")
-        findings, not_checked = read_findings(folder / "findings.nc")
-        content = finished_audit(folder)
-        earlier, baseline = content["provenance"], kept_baseline(content)
-        looks, known = stored_looks(content), content.get("diagnosis")
-    chosen = int(earlier.get("seed") or 0) if seed is None else seed
-    verdict = judged(findings, not_checked, rules, seed=chosen, looks=looks)
-    plain_rules = rules.model_dump(mode="json")
-    record = {
-        **earlier,
-        "command": command,
-        "judge_seed": chosen,
-        "policy": plain_rules,
-        "sha256": {**dict(earlier.get("sha256") or {}), "policy": digest(plain_rules)},
-    }
-    verdict = explained(replace(verdict, provenance=record), trials)
-    if isinstance(audited, Audit) and known is not None and Asked.of(audited.verdict) == Asked.of(verdict):
-        # The same trials are asked the same.
-        verdict = explained(replace(verdict, diagnosis=known), trials)
-    elif known is not None or verdict.outcome is not Outcome.PASS:
-        verdict = derived_diagnosis(verdict, trials, known or {}, seed=int(earlier.get("seed") or 0))
-    if baseline is not None:
-        verdict = replace(verdict, baseline=compared(baseline, verdict, findings))
-    result = Audit(trials, findings, not_checked, verdict)
-    if out is not None:
-        result.write_reports(made_folder(out))
-    return result
-
-
-def judged_and_kept(
-    trials: xr.DataTree,
-    policy: Policy,
-    *,
-    seed: int,
-    validators: tuple[str, ...] | None,
-    provenance: Mapping[str, Any],
-    out: Path | None,
-    earlier: Mapping[str, Any] | None,
-    looks: Looks,
-    progress: Progress,
-    resources: Mapping[str, Any] = MappingProxyType({}),
-    estimator: Any = None,
-) -> Audit:
-    """What policy and validators say of trials, written to `out` where there is one."""
-    progress("validators", 0, 1)
-    findings, not_checked = run_validators(trials, seed=seed, select=validators, levels=policy.levels)
-    progress("validators", 1, 1)
-    verdict = judged(findings, not_checked, policy, seed=seed, looks=looks)
-    record = plain_data(
-        {
-            "ledger": None,
-            **provenance,
-            "trust": with_densities(provenance.get("trust"), findings),
-            "title": title(provenance),
-            "format": FORMAT,
-            "policy": policy.model_dump(mode="json"),
-            "validators": default_validators() if validators is None else list(validators),
-            "versions": versions(),
-        }
-    )
-    record["sha256"] = digests(record)
-    if out is not None:
-        record["sha256"]["trials"] = write_arrays(trials, findings, not_checked, out)
-    verdict = explained(replace(verdict, provenance=record), trials)
-    if earlier is not None:
-        verdict = replace(verdict, baseline=compared(earlier, verdict, findings))
-    if verdict.outcome is not Outcome.PASS:
-        progress("what is wrong", 0, 1)
-        verdict = with_diagnosis(verdict, trials, seed=seed, estimator=estimator)
-        progress("what is wrong", 1, 1)
-    result = Audit(trials, findings, not_checked, verdict, resources)
-    if out is not None:
-        result.write_reports(out)
-    return result

@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from gaugeblock.auditing.audit import audit_draws
+from gaugeblock.auditing.audit_draws import audit_draws
 from gaugeblock.auditing.config import PolicyLike, as_policy
 from gaugeblock.auditing.result import Audit
 from gaugeblock.core.arrays import Array, column_names, numbers, plain

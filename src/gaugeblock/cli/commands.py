@@ -146,8 +146,9 @@ def audit(
     An interrupted audit goes on where it stopped when the same command runs again. With --commit alone it
     writes down what is to be audited, and stops; with --commit-text too the seed is made of both files.
     """
-    from gaugeblock.auditing import audit as audits
-    from gaugeblock.auditing.audit import audit_configured, audit_draws, audit_part
+    from gaugeblock.auditing.audit import audit_configured, audit_part
+    from gaugeblock.auditing.audit import commit as write_commitment
+    from gaugeblock.auditing.audit_draws import audit_draws
     from gaugeblock.auditing.config import read_config
     from gaugeblock.core.executors import opened, parse_part
     from gaugeblock.core.settings import parse_settings
@@ -193,7 +194,7 @@ def audit(
         if trials is not None or part is not None:
             raise GaugeblockError("a commitment is to a whole audit: leave out --trials and --part")
         if commit_text is None:
-            audits.commit(chosen, commit, policy=policy)
+            write_commitment(chosen, commit, policy=policy)
             say(f"committed: {commit}; publish it, and audit with a text that comes later: --commit-text")
             hand_over({"commitment": str(commit)})
             return
@@ -236,7 +237,7 @@ def gate(
     seed: Seed = None,
 ) -> None:
     """Judge the findings of an earlier audit again, under another policy; nothing is sampled."""
-    from gaugeblock.auditing.audit import judge
+    from gaugeblock.auditing.judging import judge
 
     result = judge(folder, policy or "default", out=out or folder, seed=seed, command=command())
     _finish(result, out or folder)

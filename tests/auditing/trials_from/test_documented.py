@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from gaugeblock.auditing.audit import audit_draws
+from gaugeblock.auditing.audit_draws import audit_draws
 from gaugeblock.auditing.trials_from import any_trials
 from gaugeblock.validate import Outcome
 
