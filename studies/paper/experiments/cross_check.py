@@ -8,7 +8,7 @@ sampling, while spectra and flows are drawn with log-uniform ones.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -65,6 +65,8 @@ def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
     )
     flows = {level: once(f"flow-{level}", _by_flow, counts[level], level, sizes["draws"]) for level in LEVELS}
     apart = once("apart", _apart, exact, flows, sizes["told"])
+    # The same draws of the flow, and the same splits, against a chain and against one of twice its steps.
+    steps = once("steps", _by_steps, chains, flows["bright"]["draws"][list(SAMPLED)])
     parts = {"flow": [flows[level] for level in LEVELS]}
     parts |= {prior: [exact[prior, level] for level in LEVELS] for prior in PRIORS}
 
@@ -103,7 +105,10 @@ def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
     for name in nested[0]:
         every[name] = ("run", np.array([float(run[name]) for run in nested]))
     for name in chains[0]:
-        every[f"nuts_{name}"] = (("steps", "sampled"), np.stack([part[name] for part in chains]))
+        if name != "draws":
+            every[f"nuts_{name}"] = (("steps", "sampled"), np.stack([part[name] for part in chains]))
+    every |= {f"nuts_{name}": (("steps", "sampled"), values) for name, values in steps.items()}
+    every["flow_by_set"] = (("spectrum", "set"), column("flow", "by_set"))
     for label, numbers in (("boundary", boundary), ("searched", searched)):
         every |= {f"{label}_{name}": ((), float(value)) for name, value in numbers.items()}
     every |= {f"pool_{level}": (f"pool_of_{level}", pools[level]["shrink"]) for level in LEVELS}
@@ -184,6 +189,21 @@ def _apart(
         "dimension": np.array([posteriors.effective_dimension(draws[:, :3]) for draws in other]),
         "dimension_flow": np.array([posteriors.effective_dimension(draws[:, :3]) for draws in flow]),
     }
+
+
+def _by_steps(chains: Sequence[Arrays], flow: Array, rng: np.random.Generator) -> Mapping[str, Any]:
+    """How well draws of the flow are told from those of a chain, ``(steps, sampled)``: accuracy and error."""
+    seed = int(rng.integers(2**31))
+    found = np.array(
+        [
+            [
+                posteriors.told_apart(draws, other, np.random.default_rng((seed, at)), len(draws))[:2]
+                for at, (draws, other) in enumerate(zip(part["draws"], flow, strict=True))
+            ]
+            for part in chains
+        ]
+    )
+    return {"accuracy": found[..., 0], "accuracy_error": found[..., 1]}
 
 
 EXPERIMENT = Experiment(

@@ -12,7 +12,7 @@ from scipy import stats
 from gaugeblock.core.arrays import Array
 from studies.paper.experiment import Found
 from studies.paper.measurement import Measured, Untestable
-from studies.paper.numbers import Numbers, by_claim, measurements
+from studies.paper.numbers import Numbers, by_claim, mean_of, measurements
 from studies.paper.registry import claims
 
 BOOTSTRAPS = 2000
@@ -113,12 +113,16 @@ def _captures(table: xr.Dataset) -> Numbers:
         )
 
     first, second, third = of("flow")
+    sets = capture(table["flow_by_set"].values[three[0]], exact[0])
     medium = _rows(table, "medium")[0]
     return {
         "xc.bright.capture": {
             **{"first": first, "second": second, "third, least": third, "third, most": third},
             **{f"{name} refined": value for name, value in zip(THREE, of("refined"), strict=True)},
             "effective": float(table["refined_effective"].values[three].min()),
+            "sets": float(sets.size),
+            "of a set": mean_of(sets),
+            "scatter of sets": float(sets.std(ddof=1)),
         },
         "xc.i22.flow": {
             "value": _column(table, "flow")[medium],
@@ -174,12 +178,17 @@ def _samplers(table: xr.Dataset) -> Numbers:
 def _apart(table: xr.Dataset) -> Numbers:
     _, other, priors = table["accuracy"].values
     overlap = table["overlap"].values
+    by_steps, error = table["nuts_accuracy"].values, table["nuts_accuracy_error"].values
+    moved = np.abs(by_steps[1] - by_steps[0])
+    most_moved = int(np.argmax(moved))
     least, most = sorted(_column(table, "gain_accuracy", 0))
     return {
         "xc.c2st": {
             **dict(zip(SAMPLED, _column(table, "accuracy", 0), strict=True)),
             "other": float(other.max()),
             "priors": float(priors.max()),
+            "chain": float(by_steps[0].max()),
+            "steps": (float(moved[most_moved]), float(np.hypot(*error[:, most_moved]))),
         },
         "xc.c2st.g": {"least": least, "most": most, "other": float(table["gain_accuracy"].values[1].max())},
         "xc.i394.iou": {
@@ -206,6 +215,10 @@ NOTES = {
     "xc.spearman": "spectra drawn again with errors of their shrinks; over the four bright ones {bright:.2f}",
     "xc.sampler": "NUTS against UltraNest; ± is what both chance errors make of no difference",
     "xc.sampler.steps": "NUTS; the other spectrum {other:.1%}",
+    "xc.bright.capture": "{sets:.0f} sets of draws of the first keep {of a set:.3f} ± {of a set error:.3f} "
+    "on average, one of them scatters by {scatter of sets:.3f}",
+    "xc.c2st": "of draws by NUTS, under the study's prior, {chain:.2f}; twice its steps move it by "
+    "{steps:.3f} ± {steps error:.3f} (under 0.01 in the study)",
 }
 
 BECAUSE = {

@@ -42,6 +42,9 @@ ROUNDS, ENOUGH = 6, 0.15
 KEPT = 4000
 """Equal-weight draws that are kept of a spectrum."""
 
+SETS = 16
+"""The study quotes a mean over so many sets of a flow's draws."""
+
 FOLDED = 400
 """Draws that are weighted again by folding."""
 
@@ -190,14 +193,16 @@ def _sampler(warmup: int) -> Any:
 
 
 def chain(counts: Array, thinning: int, sizes: Mapping[str, Any], rng: np.random.Generator) -> dict[str, Any]:
-    """NUTS on bright spectra side by side: shrink by the chain, with its error by stretches of it."""
+    """NUTS on bright spectra side by side: shrink by the chain, with its error by stretches of it; draws."""
     found = _sampler(sizes["warmup"]).run(counts, thinning * sizes["chain"], rng)
-    gain = found.draws[:, thinning - 1 :: thinning, GAIN]
+    draws = found.draws[:, thinning - 1 :: thinning]
+    gain = draws[..., GAIN]
     away = (gain - gain.mean(axis=1, keepdims=True)) ** 2
     parts = away.reshape(len(gain), BATCHES, -1).mean(axis=2)
     shrink = np.sqrt(away.mean(axis=1)) / GAIN_PRIOR_SD
     error = shrink * parts.std(axis=1, ddof=1) / np.sqrt(BATCHES) / (2.0 * parts.mean(axis=1))
-    return {"shrink": shrink, "shrink_error": error, "divergences": found.divergences}
+    kept = draws[:, :: max(1, draws.shape[1] // KEPT)]
+    return {"shrink": shrink, "shrink_error": error, "divergences": found.divergences, "draws": kept}
 
 
 def boundary(counts: Array, sizes: Mapping[str, Any], rng: np.random.Generator) -> Mapping[str, Any]:
@@ -231,12 +236,14 @@ def by_flow(flow: Any, counts: Array, level: str, draws: int, rng: np.random.Gen
     rows = [weighted_draws(flow, target, row, draws, rng) for row in counts]
     theta = flow.sample(counts, draws, rng)
     raw = shrink_of(theta[..., GAIN], np.full(theta.shape[:2], 1.0 / draws))
+    sets = theta[:, : draws // SETS * SETS, GAIN].reshape(len(theta), SETS, -1)
     return {
         "draws": theta[:, :KEPT],
         "mean": theta.mean(axis=1),
         "sd": theta.std(axis=1),
         "shrink": raw[0],
         "shrink_error": raw[1],
+        "by_set": sets.std(axis=2) / GAIN_PRIOR_SD,
         "refined": np.array([row["shrink"] for row in rows]),
         "refined_error": np.array([row["shrink_error"] for row in rows]),
         "effective": np.array([row["effective"] for row in rows]) / draws,

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 import xarray as xr
+from studies.paper.experiment import committed
+from studies.paper.experiments import load
 from studies.paper.experiments.arithmetic import GAIN_PRIOR_SD
 from studies.paper.experiments.cross_claims import capture, pulls_of
 from studies.paper.experiments.cross_posteriors import (
@@ -56,6 +58,27 @@ def test_weights_count_as_many_draws():
 
 def test_capture_is_1_for_the_exact_width_and_0_for_the_prior_s():
     assert capture(np.array([0.7, 1.0, 0.85]), 0.7) == pytest.approx([1.0, 0.0, 0.5])
+
+
+def test_what_16_sets_of_draws_keep_and_what_twice_the_steps_change():
+    """Of the committed run: sets by their own capture, steps by the accuracies that are kept."""
+    table = committed("cross_check")
+    found = load("cross_check").measured(table)
+    bright = np.flatnonzero(table["level"].values.astype(str) == "bright")[0]
+    sets = (1 - table["flow_by_set"].values[bright]) / (1 - table["exact_reference"].values[bright])
+    note = found["xc.bright.capture"].note
+    assert len(sets) == 16
+    assert f"16 sets of draws of the first keep {sets.mean():.3f} ± {sets.std(ddof=1) / 4:.3f}" in note
+    assert note.endswith(f"scatters by {sets.std(ddof=1):.3f}")
+    # Together the sets are the draws: mean squares of both but for the sets' own means.
+    whole = table["flow"].values
+    np.testing.assert_allclose(np.sqrt((table["flow_by_set"].values ** 2).mean(axis=1)), whole, rtol=3e-3)
+    accuracy, error = table["nuts_accuracy"].values, table["nuts_accuracy_error"].values
+    worst = np.abs(accuracy[1] - accuracy[0]).argmax()
+    moved, chance = np.abs(accuracy[1] - accuracy[0])[worst], np.hypot(*error[:, worst])
+    assert f"twice its steps move it by {moved:.3f} ± {chance:.3f}" in found["xc.c2st"].note
+    # Two sets of 4,000 draws: the error of a binomial share of 8,000.
+    np.testing.assert_allclose(error, np.sqrt(accuracy * (1 - accuracy) / 8000), rtol=0.3)
 
 
 def test_dimensions_of_one_two_and_three_directions():
