@@ -14,6 +14,9 @@ from studies.kit.page import fill
 from studies.kit.page import table as rows
 from studies.kit.results import command_of, read
 
+SMALL, FIVE = 0.003, 5.0
+"""An amplitude, and standard errors that make it certain."""
+
 OURS = {
     "alone": "shared score",
     "offset and area": "shared score, offset and area free",
@@ -172,7 +175,23 @@ def limits_table(limits: xr.Dataset) -> str:
             errors = (f"{100 * float(v):.3f}" for v in part[kind].values)
             lines.append((gain.replace("_", " "), words, *errors, floor))
     header = ("gain", "", *(f"{n:,} bright" for n in numbers), "floor, area off by 1%")
-    return rows(header, lines)
+    needed = " and ".join(
+        f"{float(f'{sources_needed(limits.sel(gain=gain)):.2g}'):,.0f} ({gain.replace('_', ' ')})"
+        for gain in limits["gain"].values.tolist()
+    )
+    said = (
+        f"An amplitude of {SMALL:.1%} is {FIVE:g} standard errors beside offset and area from some {needed} "
+        "bright sources on."
+    )
+    return rows(header, lines) + "\n\n" + said
+
+
+def sources_needed(limits: xr.Dataset) -> float:
+    """From how many sources on a small amplitude is five errors beside offset and area; between the numbers
+    of the table errors fall as a power.
+    """
+    number, error = limits["number"].values, limits["beside"].values
+    return float(np.exp(np.interp(np.log(FIVE / SMALL), -np.log(error), np.log(number))))
 
 
 def document(path: Path, docs: Path) -> None:

@@ -239,6 +239,13 @@ def test_what_is_promised_holds():
     assert (table["threshold"] > table["null_low"]).where(np.isfinite(table["value"]), True).all()
 
 
+def test_sources_that_a_small_gain_takes_have_the_errors_that_they_must():
+    """Errors that fall as the root of the number: 1% of 100 sources is 0.06% of 27,778."""
+    number = np.array([100, 1_000, 50_000])
+    limits = xr.Dataset({"beside": ("number", 0.01 * np.sqrt(100 / number))}, coords={"number": number})
+    assert page.sources_needed(limits) == pytest.approx(100 * (0.01 / 0.0006) ** 2)
+
+
 def test_the_page_has_the_intervals_that_were_counted():
     made = read(RESULTS / "gain-amplitudes.nc")
     assert made.sizes == {"case": 4, "catalogue": 50}
