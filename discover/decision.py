@@ -109,8 +109,12 @@ def decide(
     if first.p_global > t.level:
         return Decision((), (), None, f"no disagreement: global p {first.p_global:.2g}")
     if not rounds:
-        why = "model and data disagree, and no effect of the library explains it"
-        return Decision((_unnamed(first.strength, first),), (), None, why)
+        maybe = _nearest(first, t.adequate)
+        why = "model and data disagree, and no effect of the library stands out by itself"
+        if maybe:
+            told = first.tested(maybe[0]).p_global
+            why += f"; {maybe[0]} comes nearest, with a global p of {told:.2g}"
+        return Decision((_unnamed(first.strength, first, maybe),), (), None, why)
     label, names = rounds[-1].best.label, tuple(rounds[-1].best.path)
     values = [*worth, *[0.0] * (len(names) - len(worth))]
     total = sum(max(one, 0.0) for one in values)
@@ -180,6 +184,12 @@ def decide(
         )
         claims.append(_unnamed(nameless, seen_by, [names[at] for at in nearest], *place))
     return Decision(tuple(claims), names if claims[0].effect != UNNAMED else (), None, why)
+
+
+def _nearest(seen: Look, level: float) -> list[str]:
+    """Effects that do not stand out, and are not far from it: by their global p, the nearest first."""
+    p = {key: seen.tested(key).p_global for key in seen.entries}
+    return sorted((key for key in p if p[key] <= level), key=lambda key: -seen.tested(key).z)
 
 
 def _rivals(t: Thresholds, final: Round, scored: HeldOut | None, at: int) -> list[str]:

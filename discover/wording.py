@@ -81,29 +81,33 @@ def sentence(
     model has a gain beside it, so that its energies are not those recorded.
     """
     many = len(alike) > 1
-    *others, final = map(effect_phrase, alike)
+    nameless = alike[0] == UNNAMED
+    # What has no name comes last in a list, also where it is what is claimed.
+    *others, final = map(effect_phrase, [*alike[1:], UNNAMED] if nameless else alike)
     if len(alike) > LISTED:
         others, final = others[:SHOWN], f"one of {len(alike) - SHOWN} other effects"
     what = f"{', '.join(others)} or {final}" if others else final
     word = "certain" if certain else "likely"
     sure = f"{word} ({probability:.3g}; {evidence:.3g} nats)"
-    if alike[0] == UNNAMED:
-        said = "Beyond that, something remains that nothing here explains" if beyond else f"{_start(what)}"
-        said += f" is {sure}" if not beyond else f": {sure}"
-        if region is not None:
-            unit = f" {region.unit}" if region.unit != "channel" else ""
-            said += f", most at {region.lo:.4g} to {region.hi:.4g}{unit}, z = {region.z:+.1f}"
-        elif place is not None:
-            said += f", most at {place[0]:.4g} to {place[1]:.4g} keV"
-        return f"{said}."
-    if many:
+    if nameless and beyond:
+        said, most = f"Beyond that, something remains that nothing here explains: {sure}", ","
+    elif many:
         # What is certain is the excess; the probability is that one of the names is right.
         said = (
             f"That something is there is {word} ({evidence:.3g} nats): {what}, one of them with a "
-            f"probability of {probability:.3g}; which of them these data do not say."
+            f"probability of {probability:.3g}; which of them these data do not say"
         )
+        most = "; it stands out"
     else:
-        said = f"{_start(what)} is {sure}."
+        said, most = f"{_start(what)} is {sure}", ","
+    if nameless and region is not None:
+        unit = f" {region.unit}" if region.unit != "channel" else ""
+        said += f"{most} most at {region.lo:.4g} to {region.hi:.4g}{unit}, z = {region.z:+.1f}"
+    elif nameless and place is not None:
+        said += f"{most} most at {place[0]:.4g} to {place[1]:.4g} keV"
+    said += "."
+    if nameless:
+        return said
     shown = ", ".join(_amount(name, one, units.get(name, "")) for name, one in parameters.items())
     if shown:
         whose = f"As {effect_phrase(alike[0])}:" if many else "With"

@@ -111,6 +111,15 @@ def test_what_remains_comes_after_what_is_certain():
     numbered = Region(3, 9, 3.0, 9.0, "channel", -4.25, 0.001)
     assert sentence(("unnamed",), **{**given, "region": numbered}).endswith(", most at 3 to 9, z = -4.2.")
     assert sentence(("unnamed",), **{**given, "region": None, "place": None}).endswith("nats).")
-    assert sentence(("unnamed", "emission_line"), **given).startswith(
-        "Something that no effect of the library"
+    both = ("unnamed", "emission_line", "pileup")
+    many = (
+        "That something is there is certain (33.5 nats): an emission line, pile-up or something that no "
+        "effect of the library explains, one of them with a probability of 0.95; which of them these data do "
+        "not say"
+    )
+    assert sentence(both, **given) == f"{many}; it stands out most at 7 to 7.2 keV, z = +9.0."
+    assert sentence(both, **{**given, "region": None}) == f"{many}; it stands out most at 7 to 7.2 keV."
+    assert sentence(both, **{**given, "region": None, "place": None}) == f"{many}."
+    assert sentence(both, **{**given, "beyond": True}).startswith(
+        "Beyond that, something remains that nothing"
     )
