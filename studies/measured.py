@@ -1,7 +1,8 @@
 """Measured spectra whose answer is known: whether the headline holds it.
 
     python -m studies.measured FOLDER [CASE ...]
-    python -m studies.measured --page            # docs/measured.md of results/measured.json; nothing is run
+    python -m studies.measured FOLDER --name measured-others       # kept beside them: results/NAME.json
+    python -m studies.measured --page            # docs/measured.md of results/measured*.json; nothing is run
 
 FOLDER holds ``cases.json`` and a folder for each case. A case says what to run (`model`, `band`, `redshift`,
 `background`) and what counts as right: `accept` are headline names (a list: together; ``"nothing"``: naming
@@ -31,6 +32,9 @@ from studies.kit.resume import Pieces, code_of
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "measured.md"
 SEED = 1
+MARKERS = {"measured": "measured cases", "measured-others": "measured others"}
+"""Where results stand on the page, by the name of their file."""
+
 CONTROLS = ("control", "soft control", "weak")
 
 
@@ -83,7 +87,7 @@ def searched(folder: Path, case: Mapping[str, Any]) -> dict[str, Any]:
     return {**scored(case, found.to_json()), "seconds": round(time.process_time() - began, 1)}
 
 
-def run(folder: Path, names: Sequence[str], out: Path, work: Path) -> None:
+def run(folder: Path, names: Sequence[str], out: Path, work: Path, name: str) -> None:
     """Search every case once, one file each, and write them as one table."""
     try:
         listed = json.loads((folder / "cases.json").read_text(encoding="utf-8"))
@@ -96,9 +100,10 @@ def run(folder: Path, names: Sequence[str], out: Path, work: Path) -> None:
     with Bars() as bars:
         pieces = Pieces(work, key, name="measured", progress=bars.show)
         rows = pieces.made({case["case"]: partial(searched, folder, case) for case in chosen})
-    content = record("python -m studies.measured FOLDER", SEED) | {"cases": rows}
+    command = "python -m studies.measured FOLDER" + ("" if name == "measured" else f" --name {name}")
+    content = record(command, SEED) | {"cases": rows}
     content["versions"] = json.loads(content["versions"])
-    write_atomically(made_folder(out) / "measured.json", json.dumps(content, indent=1) + "\n")
+    write_atomically(made_folder(out) / f"{name}.json", json.dumps(content, indent=1) + "\n")
     sys.stdout.write(summary(rows) + "\n")
 
 
@@ -120,10 +125,19 @@ def shown(rows: Mapping[str, Mapping[str, Any]]) -> str:
     return f"{table(header, lines)}\n\n{summary(rows)}."
 
 
+def kept(out: Path) -> dict[str, dict[str, Any]]:
+    """The cases of every file that is stored, by its name."""
+    files = {name: out / f"{name}.json" for name in MARKERS}
+    return {
+        name: json.loads(file.read_text(encoding="utf-8"))["cases"]
+        for name, file in files.items()
+        if file.exists()
+    }
+
+
 def document(out: Path) -> None:
     """Fill the page from what is stored."""
-    rows = json.loads((out / "measured.json").read_text(encoding="utf-8"))["cases"]
-    fill(PAGE, {"measured cases": shown(rows)})
+    fill(PAGE, {MARKERS[name]: shown(rows) for name, rows in kept(out).items()})
 
 
 def summary(rows: Mapping[str, Mapping[str, Any]]) -> str:
@@ -145,15 +159,15 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument("case", nargs="*", help="only these")
     parser.add_argument("--out", type=Path, default=RESULTS)
     parser.add_argument("--work", type=Path, help="finished cases, to go on from")
+    parser.add_argument("--name", choices=MARKERS, default="measured", help="of the file in OUT")
     parser.add_argument("--page", action="store_true", help="only make the page of what is stored")
     given = parser.parse_args(arguments)
     if given.page:
         return carried_out(partial(document, given.out))
     if given.folder is None:
         parser.error("a folder with cases.json, or --page")
-    return carried_out(
-        partial(run, given.folder, given.case, given.out, given.work or given.out / "checkpoints")
-    )
+    work = given.work or given.out / "checkpoints"
+    return carried_out(partial(run, given.folder, given.case, given.out, work, given.name))
 
 
 if __name__ == "__main__":

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 
 from studies.kit.page import counted, fill, table
 from studies.kit.results import measured_commit, read
-from studies.measured import CONTROLS
+from studies.measured import CONTROLS, kept
 from studies.planted.faults import FAULTS, MEASURED
 
 SAID = "stated where it is, not certain"
@@ -24,6 +23,9 @@ STRONG = 50.0
 SETS = ("planted-first", "planted-second", "planted-third", "planted")
 """Sets that were drawn and opened, each once; the last one is what a run leaves."""
 
+CALLED = {"measured": "{} with known answers", "measured-others": "{} others, run once"}
+"""Cases of `studies.measured`, and how many there are."""
+
 ALIKE = ("planted-third", "planted")
 """Those that were drawn as the study draws them now."""
 
@@ -33,11 +35,15 @@ def document(out: Path, page: Path) -> None:
     files = {name: out / f"{name}.nc" for name in SETS}
     sets = {name: read(file) for name, file in files.items() if file.exists()}
     blocks = {f"measured {name}": shown(made) for name, made in sets.items()}
-    if (out / "measured.json").exists():
-        rows = json.loads((out / "measured.json").read_text(encoding="utf-8"))["cases"]
-        alike = [sets[name] for name in ALIKE if name in sets]
-        called = {f"planted, measured commit {made.attrs['commit'][:7]}": made for made in alike}
-        blocks["measured headlines"] = headlines(rows, called)
+    if known := kept(out):
+        blocks["measured headlines"] = headlines(
+            {CALLED[name].format(len(rows)): rows for name, rows in known.items()},
+            {
+                f"planted, measured commit {sets[name].attrs['commit'][:7]}": sets[name]
+                for name in ALIKE
+                if name in sets
+            },
+        )
     fill(page, blocks)
 
 
@@ -103,21 +109,21 @@ def intervals(made: xr.Dataset) -> list[tuple[str, int, int]]:
     return found
 
 
-def headlines(rows: Mapping[str, Mapping[str, Any]], sets: Mapping[str, xr.Dataset]) -> str:
+def headlines(known: Mapping[str, Mapping[str, Mapping[str, Any]]], sets: Mapping[str, xr.Dataset]) -> str:
     """Strong cases whose headline is right, silent controls, and cases with anything certain and wrong.
 
-    `rows` are the cases with known answers (`studies.measured`), `sets` those of this study, by what they are
-    called.
+    `known` are cases with known answers (`studies.measured`), `sets` those of this study, each by what they
+    are called.
     """
-    strong = [row for row in rows.values() if row["kind"] not in CONTROLS]
-    sound = [row for row in rows.values() if row["kind"] in CONTROLS]
-    found = {
-        "twelve with known answers": (
+    found = {}
+    for name, rows in known.items():
+        strong = [row for row in rows.values() if row["kind"] not in CONTROLS]
+        sound = [row for row in rows.values() if row["kind"] in CONTROLS]
+        found[name] = (
             (sum(row["right"] for row in strong), len(strong)),
             (sum(not row["certain"] for row in sound), len(sound)),
             (sum(bool(row["beside"] or row["rejected"]) for row in rows.values()), len(rows)),
         )
-    }
     for name, made in sets.items():
         control = made["fault"].values == "control"
         loud = ~control & ((made["statistic"] - made["bins"]).values >= STRONG)

@@ -1,10 +1,8 @@
 """How measured spectra are scored, on discoveries made by hand."""
 
-import json
-
 import pytest
 from studies.kit.results import RESULTS
-from studies.measured import PAGE, main, scored, shown, summary
+from studies.measured import PAGE, kept, main, scored, shown, summary
 
 LINE = {"kind": "line", "accept": ["emission_line", ["gain_slope", "pileup"]], "reject": ["background"],
         "set_must_contain_one_of": ["emission_line"]}  # fmt: skip
@@ -61,6 +59,7 @@ def test_a_folder_without_cases_is_refused(tmp_path, capsys):
 
 
 def test_the_page_says_what_is_stored():
-    rows = json.loads((RESULTS / "measured.json").read_text(encoding="utf-8"))["cases"]
-    assert shown(rows) in PAGE.read_text(encoding="utf-8")
-    assert len(rows) == 12
+    stored = kept(RESULTS)
+    assert {name: len(rows) for name, rows in stored.items()} == {"measured": 12, "measured-others": 21}
+    for rows in stored.values():
+        assert shown(rows) in PAGE.read_text(encoding="utf-8")
