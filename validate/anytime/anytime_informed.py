@@ -3,7 +3,8 @@
 Stage by stage a score is learned from all trials so far, and the trials of the next stage are ranked in it as
 they come in. For an exact posterior the truth is any member of its pool with the same chance, whatever was
 learned before, so the mean is 0 at each trial and bets on it hold at any of them. Nothing that is said of a
-trial may depend on a later one: data have the units of the trials that taught. See `learned.informed`.
+trial may depend on a later one: data have the units and the principal components of the trials that taught.
+See `learned.informed`.
 """
 
 from __future__ import annotations

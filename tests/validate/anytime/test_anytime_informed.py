@@ -175,6 +175,20 @@ def test_stages_are_scored_by_three_challengers_who_learned_before():
     np.testing.assert_allclose(other.score[0], wanted[shuffled["trial"].values], rtol=1e-9)
 
 
+def test_a_mean_of_heavy_tailed_channels_is_seen_by_the_channels_that_are_off():
+    """Ten channels of which each may be far off, and the draws are of their mean: by principal components of
+    earlier trials the loss is three times the tolerance, without them it was 0.023.
+    """
+    rng = np.random.default_rng(12)
+    theta = rng.standard_normal((4000, 1))
+    x = theta + 0.5 * rng.standard_t(3, (4000, 10))
+    mean, sd = x.mean(axis=1) / 1.075, np.sqrt(0.075 / 1.075)
+    draws = mean[:, None, None] + sd * rng.standard_normal((4000, 100, 1))
+    found = informed_sequence(ready(make_trials(theta, draws, ["a"], x=x)))
+    assert found.estimate[0] > 0.045
+    assert "component" in found.components[0]
+
+
 def test_stages():
     assert stage_edges(251) == [250, 251]
     assert stage_edges(4000) == [250, 417, 694, 1157, 1929, 3215, 4000]

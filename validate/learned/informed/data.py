@@ -10,7 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.validate.features import TrialFeatures, group_starts
+from gaugeblock.validate.features import TrialFeatures, fit_summariser, group_starts
 from gaugeblock.validate.learned.discriminant import normal_scores
 from gaugeblock.validate.named_data import value_name
 from gaugeblock.validate.prepared import Prepared, TrialBlock
@@ -55,8 +55,8 @@ def usable(features: Array) -> Array:
 def data_of(prepared: Prepared, rows: NDArray[np.int64], *, taught: int | None = None) -> Data:
     """Data of the unaffected trials `rows`, as challengers see them; what is the same in all is left out.
 
-    With `taught` their units are those of the first so many of `rows`, and principal components, which are of
-    all trials, are left out: what is said of a trial then depends on no later one.
+    With `taught` their units are those of the first so many of `rows`, and so are principal components: what
+    is said of a trial then depends on no later one.
     """
     found = prepared.once(all_channels)[rows] if "x" in prepared.main else np.empty((len(rows), 0))
     features = prepared.features or TrialFeatures((), np.empty((len(prepared.trial), 0)))
@@ -65,7 +65,13 @@ def data_of(prepared: Prepared, rows: NDArray[np.int64], *, taught: int | None =
     called = prepared.once(feature_names)
     named = [called[name] for name, kept in zip(features.names, known.tolist(), strict=True) if kept]
     own = channel_names(prepared.main["x"]) if "x" in prepared.main else []
-    return make_data(found, features.values[rows][:, known], channels=own, names=named, taught=taught)
+    values = features.values[rows][:, known]
+    if taught is not None and found.shape[1]:
+        learned = fit_summariser(found[:taught])
+        components = learned(found)[:, 1:]
+        values = np.concatenate([values, components], axis=1)
+        named += _with_channels(learned.names[1:], components[:taught], found[:taught], own)
+    return make_data(found, values, channels=own, names=named, taught=taught)
 
 
 def make_data(
@@ -101,12 +107,21 @@ def feature_names(prepared: Prepared) -> dict[str, str]:
     features, fitted = prepared.features, prepared.fitted_features
     called = {} if features is None else {name: name for name in features.names}
     if features is not None and fitted:
-        channels = channel_names(prepared.main["x"])
         components = np.stack([features.column(name) for name in fitted], axis=1)
-        for name, alike in zip(fitted, correlation(components, prepared.once(all_channels)), strict=True):
-            if alike.any():
-                called[name] = f"{name} (most of it {channels[int(alike.argmax())]})"
+        channels = channel_names(prepared.main["x"])
+        found = _with_channels(fitted, components, prepared.once(all_channels), channels)
+        called |= dict(zip(fitted, found, strict=True))
     return called
+
+
+def _with_channels(
+    names: Sequence[str], components: Array, values: Array, channels: Sequence[str]
+) -> list[str]:
+    """Principal components, each with the channel ``(trial, channel)`` that it goes most with."""
+    return [
+        f"{name} (most of it {channels[int(alike.argmax())]})" if alike.any() else name
+        for name, alike in zip(names, correlation(components, values), strict=True)
+    ]
 
 
 def correlation(one: Array, other: Array) -> Array:

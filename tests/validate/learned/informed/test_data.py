@@ -118,3 +118,28 @@ def test_data_of_some_trials_leave_out_features_that_are_no_numbers():
     assert (none.names, none.values.shape) == ((), (5, 0))
     (block,) = made.blocks()
     np.testing.assert_array_equal(channels(block), x.reshape(30, 4))
+
+
+def test_principal_components_are_of_the_trials_that_taught():
+    """By a singular value decomposition of their standardised values, up to signs; ranked among them."""
+    rng = np.random.default_rng(6)
+    x = rng.normal(size=(90, 3)) @ rng.normal(size=(3, 3)) + 4.0
+    x[60:] *= rng.normal(size=(30, 3)) * 50
+    trials = make_trials(np.zeros((90, 1)), rng.normal(size=(90, 5, 1)), ["a"], x=x)
+    rows = rng.permutation(90)
+    found = data_of(Prepared(trials_tree(trials), 1), rows, taught=40)
+    first = x[rows[:40]]
+    assert (first < 0).any()
+    standard = (x[rows] - first.mean(axis=0)) / first.std(axis=0)
+    directions = np.linalg.svd(standard[:40])[2]
+    assert found.names[:4] == ("x[0]", "x[1]", "x[2]", "total")
+    for k, direction in enumerate(directions):
+        component = standard @ direction
+        main = np.argmax([abs(np.corrcoef(component[:40], value)[0, 1]) for value in first.T])
+        assert found.names[4 + k] == f"component {k + 1} (most of it x[{main}])"
+        (wanted,) = normal_scores(component[:, None], component[:40, None]).T
+        sign = np.sign(wanted @ found.values[:, 4 + k])
+        np.testing.assert_allclose(found.values[:, 4 + k], sign * wanted, atol=1e-9)
+    assert found.values.shape == (90, 7)
+    single = data_of(Prepared(trials_tree(trials.isel(channel=[0])), 1), rows, taught=40)
+    assert single.names == ("x[0]", "total")
