@@ -1,5 +1,7 @@
 """How measured spectra are scored, on discoveries made by hand."""
 
+import json
+
 import pytest
 from studies.kit.results import RESULTS
 from studies.measured import PAGE, kept, main, scored, shown, summary
@@ -56,6 +58,20 @@ def test_what_is_wrong_beside_the_right_name_is_told():
 def test_a_folder_without_cases_is_refused(tmp_path, capsys):
     assert main([str(tmp_path)]) == 2
     assert "cases.json: cannot be read" in capsys.readouterr().err
+
+
+def test_a_run_keeps_its_cases_beside_those_of_another_name(tmp_path, monkeypatch, capsys):
+    row = {"kind": "line", "named": "emission_line", "set": ["emission_line"], "certain": [], "right": True,
+           "rejected": False, "beside": [], "p_global": 0.002, "seconds": 1.0}  # fmt: skip
+    monkeypatch.setattr("studies.measured.searched", lambda folder, case: {**row, "kind": case["kind"]})
+    (tmp_path / "cases.json").write_text('[{"case": "a_b", "kind": "line"}, {"case": "c_d", "kind": "weak"}]')
+    for name, words in (("measured", []), ("measured-others", ["--name", "measured-others"])):
+        assert main([str(tmp_path), "--out", str(tmp_path), *words]) == 0
+        made = json.loads((tmp_path / f"{name}.json").read_text(encoding="utf-8"))
+        assert made["command"] == " ".join(["python -m studies.measured FOLDER", *words])
+        assert list(made["cases"]) == ["a_b", "c_d"]
+    assert "strong cases: 1 of 1 right" in capsys.readouterr().out
+    assert {name: len(rows) for name, rows in kept(tmp_path).items()} == {"measured": 2, "measured-others": 2}
 
 
 def test_the_page_says_what_is_stored():

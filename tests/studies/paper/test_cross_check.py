@@ -6,7 +6,7 @@ import xarray as xr
 from studies.paper.experiment import committed
 from studies.paper.experiments import load
 from studies.paper.experiments.arithmetic import GAIN_PRIOR_SD
-from studies.paper.experiments.cross_claims import capture, pulls_of
+from studies.paper.experiments.cross_claims import capture, numbers_of, pulls_of
 from studies.paper.experiments.cross_posteriors import (
     effective_dimension,
     overlap,
@@ -61,13 +61,14 @@ def test_capture_is_1_for_the_exact_width_and_0_for_the_prior_s():
 
 
 def test_what_16_sets_of_draws_keep_and_what_twice_the_steps_change():
-    """Of the committed run: sets by their own capture, steps by the accuracies that are kept."""
+    """Of the committed run, counted again: sets by their own capture, steps by accuracies that are kept."""
     table = committed("cross_check")
-    found = load("cross_check").measured(table)
+    found, again = load("cross_check").measured(table), numbers_of(table)
     bright = np.flatnonzero(table["level"].values.astype(str) == "bright")[0]
     sets = (1 - table["flow_by_set"].values[bright]) / (1 - table["exact_reference"].values[bright])
     note = found["xc.bright.capture"].note
     assert len(sets) == 16
+    assert again["xc.bright.capture"]["of a set"] == pytest.approx((sets.mean(), sets.std(ddof=1) / 4))
     assert f"16 sets of draws of the first keep {sets.mean():.3f} ± {sets.std(ddof=1) / 4:.3f}" in note
     assert note.endswith(f"scatters by {sets.std(ddof=1):.3f}")
     # Together the sets are the draws: mean squares of both but for the sets' own means.
@@ -76,6 +77,8 @@ def test_what_16_sets_of_draws_keep_and_what_twice_the_steps_change():
     accuracy, error = table["nuts_accuracy"].values, table["nuts_accuracy_error"].values
     worst = np.abs(accuracy[1] - accuracy[0]).argmax()
     moved, chance = np.abs(accuracy[1] - accuracy[0])[worst], np.hypot(*error[:, worst])
+    assert again["xc.c2st"]["steps"] == pytest.approx((moved, chance))
+    assert again["xc.c2st"]["chain"] == accuracy[0].max()
     assert f"twice its steps move it by {moved:.3f} ± {chance:.3f}" in found["xc.c2st"].note
     # Two sets of 4,000 draws: the error of a binomial share of 8,000.
     np.testing.assert_allclose(error, np.sqrt(accuracy * (1 - accuracy) / 8000), rtol=0.3)
