@@ -245,10 +245,15 @@ def test_the_results_keep_the_promises():
         assert not too_many.drop_sel(case=[*sound, *gross]).any(), name
         assert not too_many.sel(case=sound, thing="FAIL").any(), name
         assert not too_many.sel(case=gross, thing="PASS").any(), name
+    cells, most = 0, 0
     for name in SHAPES:
         found = known[name]
         too_many = found["count"] > stats.binom.ppf(1 - 1e-4, found["replicates"], 0.05)
         assert not too_many.sel(thing="FAIL").any(), name
+        assert (found["replicates"] == 1000).all(), name
+        cells, most = cells + found.sizes["case"], max(most, int(found["count"].sel(thing="FAIL").max()))
+    text = (DOCS / "error-rates.md").read_text(encoding="utf-8")
+    assert f"as many replicates in each of {cells} cells, and at most {most} FAILs" in text
     of_all = xr.concat([known["shapes-large"], known["wide-large"]], "case", join="outer", fill_value=0)
     promised = known["planned"]["promised"].sel(size="large", quantile=0.5)
     for case in promised["case"].values[promised.values >= 0.9]:
