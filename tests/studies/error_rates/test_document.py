@@ -12,6 +12,7 @@ from studies.error_rates import regions, shapes
 from studies.error_rates.__main__ import main, parts
 from studies.error_rates.anytime import summarise
 from studies.error_rates.document import FIGURE, PAGES, TABLES, blocks, document, percent
+from studies.error_rates.edges import ANY, LEARNED
 from studies.error_rates.forecasts import AFTER, BEFORE, EDGED, WITHIN
 from studies.error_rates.summary import indicators, indicators_where_asked, p_values
 from studies.kit.page import filled
@@ -254,6 +255,11 @@ def test_the_results_keep_the_promises():
         cells, most = cells + found.sizes["case"], max(most, int(found["count"].sel(thing="FAIL").max()))
     text = (DOCS / "error-rates.md").read_text(encoding="utf-8")
     assert f"as many replicates in each of {cells} cells, and at most {most} FAILs" in text
+    edge = known["edge-gates"]["count"]
+    local = edge.sel(case=[case for case in edge["case"].values if str(case).startswith("local")])
+    learned, passed = (local.sel(thing=thing).values for thing in (LEARNED, ANY))
+    said = f"learned, which it was in {learned.min()} to {learned.max()} of 1,000; else all regions that were"
+    assert f"{said} learned are within tolerance, and with them up to {passed.max()} of 1,000 PASS" in text
     of_all = xr.concat([known["shapes-large"], known["wide-large"]], "case", join="outer", fill_value=0)
     promised = known["planned"]["promised"].sel(size="large", quantile=0.5)
     for case in promised["case"].values[promised.values >= 0.9]:
