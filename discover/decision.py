@@ -188,8 +188,9 @@ def decide(
 
 def _nearest(seen: Look, level: float) -> list[str]:
     """Effects that do not stand out, and are not far from it: by their global p, the nearest first."""
-    p = {key: seen.tested(key).p_global for key in seen.entries}
-    return sorted((key for key in p if p[key] <= level), key=lambda key: -seen.tested(key).z)
+    tested = {key: seen.tested(key) for key in seen.entries}
+    near = (key for key, one in tested.items() if one.p_global <= level)
+    return sorted(near, key=lambda key: -tested[key].z)
 
 
 def _rivals(t: Thresholds, final: Round, scored: HeldOut | None, at: int) -> list[str]:

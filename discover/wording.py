@@ -90,24 +90,20 @@ def sentence(
     word = "certain" if certain else "likely"
     sure = f"{word} ({probability:.3g}; {evidence:.3g} nats)"
     if nameless and beyond:
-        said, most = f"Beyond that, something remains that nothing here explains: {sure}", ","
+        said = f"Beyond that, something remains that nothing here explains: {sure}"
     elif many:
         # What is certain is the excess; the probability is that one of the names is right.
         said = (
             f"That something is there is {word} ({evidence:.3g} nats): {what}, one of them with a "
             f"probability of {probability:.3g}; which of them these data do not say"
         )
-        most = "; it stands out"
     else:
-        said, most = f"{_start(what)} is {sure}", ","
-    if nameless and region is not None:
-        unit = f" {region.unit}" if region.unit != "channel" else ""
-        said += f"{most} most at {region.lo:.4g} to {region.hi:.4g}{unit}, z = {region.z:+.1f}"
-    elif nameless and place is not None:
-        said += f"{most} most at {place[0]:.4g} to {place[1]:.4g} keV"
-    said += "."
+        said = f"{_start(what)} is {sure}"
     if nameless:
-        return said
+        where = _most_at(region, place)
+        so = "" if not where else "; it stands out" if many and not beyond else ","
+        return f"{said}{so}{where}."
+    said += "."
     shown = ", ".join(_amount(name, one, units.get(name, "")) for name, one in parameters.items())
     if shown:
         whose = f"As {effect_phrase(alike[0])}:" if many else "With"
@@ -124,6 +120,14 @@ def sentence(
     for name in limits:
         said += f" Its {name} stands at its limit: something larger, or of another kind, may be behind it."
     return said
+
+
+def _most_at(region: Region | None, place: tuple[float, float] | None) -> str:
+    """Where something without a name stands out most; nothing where nobody knows."""
+    if region is not None:
+        unit = f" {region.unit}" if region.unit != "channel" else ""
+        return f" most at {region.lo:.4g} to {region.hi:.4g}{unit}, z = {region.z:+.1f}"
+    return "" if place is None else f" most at {place[0]:.4g} to {place[1]:.4g} keV"
 
 
 def _shifts(near: Sequence[Identification], energy: Estimate | None) -> str:

@@ -36,7 +36,6 @@ TAILS, TAILS_DRAWS, TAILS_TRIALS = (0.99,), 400, 3000
 SIZES = "1,000 trials x 100 draws (of tails 3,000 x 400, of local 4,000 x 50{})"
 # Truths at so many quantiles of a shape.
 QUANTILES = 20_000
-EVENLY = (np.arange(QUANTILES) + 0.5) / QUANTILES
 # Share of the trials in the one region that is off.
 REGION = 0.2
 # Trials, in so many parts, from which it is told what a joint that is wholly wrong shows.
@@ -134,7 +133,7 @@ def held(share: Array, levels: Sequence[float], draws: int) -> Array:
 def share_below(shape: str, moved: Callable[[Array], Array]) -> Array:
     """Shares of a shape that lie below its own quantiles once these are moved."""
     sample = sample_of(shape)
-    truth = moved(np.quantile(sample, EVENLY))
+    truth = moved(np.quantile(sample, (np.arange(QUANTILES) + 0.5) / QUANTILES))
     return np.asarray(np.searchsorted(sample, truth) / len(sample))
 
 
@@ -160,7 +159,9 @@ def local(shape: str) -> Edge:
     """
     policy, draws = alone("local", "local"), 50
     tolerated = policy.tolerance.local * float(np.sqrt(SHARE / REGION))
-    share = tolerated / (0.5 - float(blurred(0.5, draws, np.sqrt(EVENLY)).mean()))
+    # The larger of two has rank k of 0 to n among n draws in 2 (k + 1) of (n + 1) (n + 2) cases: up to the
+    # middle of an even number it comes n / (4 (n + 1)) too rarely.
+    share = tolerated * 4 * (draws + 1) / draws
 
     def trials(rng: np.random.Generator) -> xr.Dataset:
         pool = SHAPES[shape](rng, (4000, 2 + draws, 1))
