@@ -108,6 +108,15 @@ def test_every_command_on_a_page_has_the_options_it_is_given(page):
 
 
 @pytest.mark.parametrize("page", PROSE, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_every_row_of_a_table_has_as_many_cells_as_its_head(page):
+    """What is beyond the head's is not shown, and what is lacking is empty."""
+    text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+    for lines in re.findall(r"(?:^\|.*\n)+", text, flags=re.MULTILINE):
+        cells = {line: len(re.findall(r"(?<!\\)\|", line)) for line in lines.splitlines()}
+        assert set(cells.values()) == {next(iter(cells.values()))}, cells
+
+
+@pytest.mark.parametrize("page", PROSE, ids=lambda page: page.relative_to(ROOT).as_posix())
 def test_what_a_page_takes_from_the_package_is_there(page):
     """Also in blocks that no test runs: they are Python, and their imports and every `gb.name` exist."""
     import gaugeblock
