@@ -101,35 +101,30 @@ def test_flows_that_are_mended():
 
 
 def test_effects_that_are_named():
-    """Of 0.1.0, and beside it of the code that has searched a part of the sealed set since."""
+    """Of the sealed set as it is searched today, and beside it of 0.1.0."""
     whole, old = (
         said("# of # sealed cases, # hours", table("hidden-effects.md", block)[1])[:2]
         for block in ("today targets", "spectra targets")
     )
-    then, today, paired = (
+    then, today, paired, sure = (
         {row[0]: row[1:] for row in table("hidden-effects.md", block)[0]}
-        for block in ("spectra targets", "today targets", "today paired")
+        for block in ("spectra targets", "today targets", "today paired", "today reliability")
     )
-    share, sealed = said("Version 0.1.0 named #% of the effects rightly that can be told apart in # sealed")
+    (sealed,) = said("Of # sealed spectra, in most of which")
+    assert (sealed, sealed) == old == whole
     fair = "eligible cases named correctly, averaged per effect"
-    assert same(share, rate(then[fair][2]))
-    assert (sealed, sealed) == old
-    searched, named, low, high, fit, left = said(
-        r"of commit `a106d8e` has been put to # of them, and names #% \(# to #\), of # cases that count.* "
-        "The other # are not searched yet"
-    )
-    assert (searched, sealed) == whole
-    assert "with the code of commit `a106d8e`" in flat(page("hidden-effects.md"))
-    assert int(left) == int(sealed) - int(searched)
-    assert fit == today[fair][1]
+    named, low, high, fit = said(r"named rightly in #% \(# to #\) of # cases that count")
+    assert fit == today[fair][1] == then[fair][1]
     for written, measured in zip((named, low, high), said(r"^#% \(# to #\)", today[fair][2]), strict=True):
         assert same(written, measured)
+    (share,) = said("Version 0.1.0 named #%")
+    assert same(share, rate(then[fair][2]))
     both, alone, before, p = said(
-        r"Of # effects that both searched, # right names stand alone now where # did \(p = #\)"
+        r"of # effects that both searched # right names stand alone now where # did \(p = (\S+)\)"
     )
     one, two = paired["the right name, alone"], paired["the right name, alone or one of two"]
     assert [both, before, alone, p] == [*one[:3], one[-1]]
-    assert said("Alone or as one of two it is #, and was #") == (two[2], two[1])
+    assert said("alone or as one of two it is #, and was #") == (two[2], two[1])
     empty, unknown = (
         said("A name was given in # of # in which"),
         said("wrong one in # of # whose effect no library"),
@@ -140,6 +135,9 @@ def test_effects_that_are_named():
     ):
         assert cases == today[row][1]
         assert f"{100 * int(count) / int(cases):.1f}" == said("^#%", today[row][2])[0]
+    stated, hold, printed = said("Of # statements that are certain # hold, printed at #")
+    assert (stated, printed) == (sure["certain"][0], str(float(sure["certain"][1])))
+    assert f"{100 * int(hold) / int(stated):.1f}" == said("^#%", sure["certain"][2])[0]
 
 
 def test_headlines_of_measured_spectra():

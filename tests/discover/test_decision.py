@@ -267,13 +267,13 @@ def test_a_narrow_name_needs_four_fifths_of_what_is_left_too():
 
 
 def test_a_probability_counts_the_models_outside_the_set_and_the_chance_of_an_alarm():
-    # The rival is 5 nats behind and outside; 0.98 of certain statements hold, and 0.74 of others.
+    # The rival is 5 nats behind and outside; 0.98 of certain statements hold, and 0.84 of others.
     sure = decide(COUNTS, LOUD, rounds(), QUIET, scored(), worth=(30.0,), lost=(("unnamed",),))
     assert sure.claims[0].probability == pytest.approx(0.98 / (1.0 + np.exp(-5.0)))
     firm = decide(COUNTS, LOUD, rounds(), QUIET, scored(), worth=(30.0,), lost=((),))
     assert firm.claims[0].probability == pytest.approx(0.98 / (1.0 + np.exp(-5.0)))
     faint = decide(COUNTS, LOUD, rounds(z=1.0), QUIET, scored(), worth=(20.0,), lost=((),))
-    assert faint.claims[0].probability == pytest.approx(0.74 * (1.0 - LOUD.p_global))
+    assert faint.claims[0].probability == pytest.approx(0.84 * (1.0 - LOUD.p_global))
 
 
 def test_certain_is_what_an_instrument_would_not_win_instead():
@@ -333,7 +333,7 @@ def test_a_later_name_that_is_not_certain_has_the_chance_of_the_look_that_showed
         for worth in (24.0, 26.0)
     ]
     assert [one.certain for one in said] == [False, True]
-    assert said[0].probability == pytest.approx(0.74 * (1.0 - faint.p_global))
+    assert said[0].probability == pytest.approx(0.84 * (1.0 - faint.p_global))
     assert said[1].probability == pytest.approx(0.98)
 
 
@@ -385,7 +385,7 @@ def test_something_without_a_name_is_as_sure_as_the_search_that_showed_it():
     assert (faint.strength, strong.strength) == (pytest.approx(18.0), pytest.approx(40.5))
     alone = decide(COUNTS, faint, (), QUIET, None)
     assert (alone.named, alone.claims[0].certain, alone.claims[0].at) == ("unnamed", False, None)
-    assert alone.claims[0].probability == pytest.approx(0.74 * (1.0 - 7 / 1000))
+    assert alone.claims[0].probability == pytest.approx(0.84 * (1.0 - 7 / 1000))
     assert "no effect of the library stands out by itself" in alone.why
     # Twenty-five nats are certain, whatever chance shows in a thousand searches.
     sure = decide(COUNTS, strong, (), QUIET, None)

@@ -100,7 +100,7 @@ def test_names_gaps_and_fits_are_there_for_all(all_three):
         first = found.statements[0]
         assert first.effect == found.named
         assert first.indistinguishable == found.indistinguishable
-        low, high = (0.9, 0.981) if first.certain else (0.7, 0.741)
+        low, high = (0.9, 0.981) if first.certain else (0.8, 0.841)
         assert low < first.probability < high
         assert first.text
         assert len(found.fit.after.parameters) > len(found.fit.before.parameters)
