@@ -107,7 +107,7 @@ response that it names does not come with it; ours is another."""
 
 NOT_MADE = """\
 Of {planned} trainings of its network that were fixed beforehand {made} are made. Lacking are {lacking} on
-NICER and {gain} with a free gain: such claims stand beside flows of our own and are not judged.{curve}
+NICER, whose claims stand beside flows of our own and are not judged, and {gain} with a free gain.{curve}
 Scores of single spectra are not kept: where cells are taken together, spectra are drawn from a model."""
 CURVE = "\nIts learning curve, {number} more trainings, is not made either."
 

@@ -17,7 +17,6 @@ CASES: Mapping[str, tuple[str, Callable[[Variant], bool]]] = {
 }
 WORDS = {
     "undertrained": "one that its cap left undertrained, chosen by its loss before all else; ours converged",
-    "fixed": "the study's with a fixed gain, which is made but was not run on these pairs; ours was",
     "stopped": "one of that seed that stops by itself, of which the rule is; the cap ended ours",
 }
 

@@ -104,7 +104,10 @@ def on_epic_pn(cell: Claim) -> Claim:
 
 @cache
 def _priors() -> Mapping[str, Prior]:
-    """What is known of the variances of every kind: of judged claims, in units of each one's own error."""
+    """What is known of the variances of every kind: of judged claims, in units of each one's own error.
+
+    Of those with as many trainings as any has.
+    """
     from studies.paper.registry import claims
 
     found: dict[str, list[Array]] = {}
@@ -115,7 +118,10 @@ def _priors() -> Mapping[str, Prior]:
         for part, less in sorted(margins):
             if (row := _row(claim, part, less)) is not None:
                 found.setdefault(kind_of(claim), []).append(row[0][0] / row[1])
-    return {kind: prior_of(np.stack(rows)) for kind, rows in found.items()}
+    most = max(len(row) for rows in found.values() for row in rows)
+    return {
+        kind: prior_of(np.stack([row for row in rows if len(row) == most])) for kind, rows in found.items()
+    }
 
 
 def _row(claim: Claim, part: str, less: str) -> tuple[Array, float] | None:

@@ -1,7 +1,7 @@
-"""Does a flow with a free gain mend the bias by a gain that a fixed one has?
+"""Does a network with a free gain mend the bias by a gain that a fixed one has?
 
-The study's flows are not published and its gain-marginalised trainings have no known seeds: these are our own
-reference flows, which are close to exact posteriors, and beside them exact posteriors themselves.
+By the study's network, trained again with and without the gain, and by exact posteriors of some of the pairs.
+`gain_ours` is the same by flows of our own.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ import xarray as xr
 
 from studies.kit.resume import Arrays, Pieces, stream
 from studies.paper.experiment import Experiment, Setting
-from studies.paper.experiments.gain_claims import CURVE, SHIFT, STUDY, claims_of, measured
+from studies.paper.experiments.gain_claims import CURVE, SHIFT, claims_of, measured
 from studies.paper.experiments.gain_pairs import KINDS, MEMBERS, GainPairs, exact_summaries, summaries
-from studies.paper.numbers import as_table
-from studies.paper.paper_flow import paper_flow
+from studies.paper.numbers import TRAINING, Numbers, Parts, as_table
+from studies.paper.paper_flow import WITH_GAIN, paper_flow
 
 CHUNK, FEW = 50, 25
 """Pairs in one piece, and those that have exact posteriors."""
@@ -28,72 +28,74 @@ EXACT = 1000
 
 LEVELS = ("medium", "bright")
 SUFFIX = {"fixed": "", "marginalised": "-gain"}
+RECIPES = {(level, kind): f"epic-pn-{level}{end}" for level in LEVELS for kind, end in SUFFIX.items()}
+"""Flows by level and kind, as the study's network and ours are named."""
+
+SIZES = {
+    Setting.FULL: {"pairs": 500, "seeds": 3, "draws": 500, "exact": 50, "curve": 250},
+    Setting.TWIN: {"pairs": 50, "seeds": 2, "draws": 100, "exact": 5, "curve": 25},
+}
 
 
 def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
-    """Biases, widths and coverage of all flows on pairs of every level and evaluation seed."""
-    from gaugeblock.estimators.npe import load
-
-    flows = {
-        (level, kind): load(f"shipped:epic-pn-{level}{SUFFIX[kind]}") for level in LEVELS for kind in KINDS
+    """By one training of the study's network, and how it was trained."""
+    flows = {of: paper_flow(name + sizes[TRAINING]) for of, name in RECIPES.items()}
+    record = flows["medium", "marginalised"].record
+    trained: Parts = {
+        "simulations": float(record["variant"]["simulations"]),
+        "epochs": float(record["epochs"]),
     }
-    studied = {name: paper_flow(name) for name in STUDY.values()}
+    return as_table({**on_pairs(flows, sizes, pieces, seed), "gm.train": trained})
+
+
+def on_pairs(
+    flows: Mapping[tuple[str, str], Any], sizes: Mapping[str, Any], pieces: Pieces, seed: int
+) -> Numbers:
+    """Biases, widths and coverage of flows by level and kind, on pairs of every evaluation seed.
+
+    All flows see the same pairs, whichever experiment they are of.
+    """
     levels = {level: GainPairs(level) for level in LEVELS}
 
-    def piece(level: str, per_cent: float, kinds: tuple[str, ...]) -> Any:
-        def make(rows: slice, rng: np.random.Generator) -> Arrays:
+    def pairs(kind: str, level: str, number: int, *, per_cent: float, flows_of: tuple[str, ...]) -> Arrays:
+        def make(rows: slice, _: np.random.Generator) -> Arrays:
+            rng = np.random.default_rng(stream(seed, "gain pairs", kind, rows.start))
             theta, counts = levels[level].drawn(rows.stop - rows.start, per_cent, rng)
+            noise = int(rng.integers(2**31))
             made: Arrays = {"theta": theta} | {f"{member}-counts": drawn for member, drawn in counts.items()}
-            return made | by_flows({kind: flows[level, kind] for kind in kinds}, counts, rng)
+            for one in flows_of:
+                said = summaries(flows[level, one], counts, draws=sizes["draws"], seed=noise)
+                made |= {f"{one}-{key}": values for key, values in said.items()}
+            return made
 
-        return make
-
-    def by_flows(chosen: Mapping[str, Any], counts: Arrays, rng: np.random.Generator) -> Arrays:
-        noise = int(rng.integers(2**31))
-        return {
-            f"{name}-{key}": values
-            for name, flow in chosen.items()
-            for key, values in summaries(flow, counts, draws=sizes["draws"], seed=noise).items()
-        }
-
-    def counts_of(drawn: Arrays, rows: slice) -> Arrays:
-        return {member: drawn[f"{member}-counts"][rows] for member in MEMBERS}
+        return pieces.rows(kind, number, CHUNK, make, seed)
 
     def exact(level: str, rows: slice, rng: np.random.Generator) -> Arrays:
-        counts = counts_of(found[f"{level}-0"], rows)
+        counts = {member: found[f"{level}-0"][f"{member}-counts"][rows] for member in MEMBERS}
         made = exact_summaries(levels[level].simulator, counts, draws=EXACT, rng=rng)
         return {f"exact-{name}": values for name, values in made.items()}
-
-    def study(rows: slice, rng: np.random.Generator) -> Arrays:
-        return by_flows(studied, counts_of(found["bright-0"], rows), rng)
 
     found: dict[str, Arrays] = {}
     for level in LEVELS:
         for k in range(sizes["seeds"]):
             name = f"{level}-{k}"
-            found[name] = pieces.rows(name, sizes["pairs"], CHUNK, piece(level, SHIFT, KINDS), seed)
+            found[name] = pairs(name, level, sizes["pairs"], per_cent=SHIFT, flows_of=KINDS)
         name = f"{level}-exact"
         found[name] = pieces.rows(name, sizes["exact"], FEW, partial(exact, level), seed)
     for name, per_cent in CURVE.items():
-        make, kind = piece("medium", per_cent, KINDS[:1]), f"curve-{name.replace(' ', '-')}"
-        found[f"curve {name}"] = pieces.rows(kind, sizes["curve"], CHUNK, make, seed)
-    found["bright-study"] = pieces.rows("bright-study", sizes["pairs"], CHUNK, study, seed)
+        kind = f"curve-{name.replace(' ', '-')}"
+        found[f"curve {name}"] = pairs(kind, "medium", sizes["curve"], per_cent=per_cent, flows_of=KINDS[:1])
     rng = np.random.default_rng(stream(seed, "gain_marginalised", "resampling"))
-    return as_table(claims_of(found, sizes["seeds"], flows["medium", "marginalised"].record, rng))
+    return claims_of(found, sizes["seeds"], rng)
 
 
 EXPERIMENT = Experiment(
     name="gain_marginalised",
-    says="bias by a gain, widths and coverage of our flows with and without a free gain, on pairs",
-    sizes={
-        Setting.FULL: {"pairs": 500, "seeds": 3, "draws": 500, "exact": 50, "curve": 250},
-        Setting.TWIN: {"pairs": 50, "seeds": 2, "draws": 100, "exact": 5, "curve": 25},
-    },
+    says="bias by a gain, widths and coverage of the study's network with and without a free gain, on pairs",
+    sizes=SIZES,
     run=run,
     measured=measured,
-    flows=(
-        *(f"shipped:epic-pn-{level}{SUFFIX[kind]}" for level in LEVELS for kind in KINDS),
-        *STUDY.values(),
-    ),
+    retrained=tuple(RECIPES.values()),
+    trainings=WITH_GAIN,
     extra="xray",
 )

@@ -11,6 +11,7 @@ from studies.paper.experiment import committed, made, trained_since
 from studies.paper.experiments import EXPERIMENTS, PAST, load
 
 GRID = {"clean": 8, "suspicious": 8, "reference": 16, "draws": 20, "again": 2}
+PAIRS = {"pairs": 6, "draws": 30, "exact": 2, "curve": 6}
 SMALL = {
     "information": {"spectra": 20, "invariance": 8},
     "posteriors": {"line": 3, "draws": 100},
@@ -25,7 +26,8 @@ SMALL = {
     "calibration_retrained": {"ranks": 20, "coverage": 20, "spot": 4, "draws": 50},
     "calibration_nicer": {"ranks": 20, "coverage": 20, "draws": 50},
     "conformal": {"calibration": 40, "test": 40, "draws": 50},
-    "gain_marginalised": {"pairs": 6, "draws": 30, "exact": 2, "curve": 6},
+    "gain_marginalised": PAIRS,
+    "gain_ours": PAIRS,
     "cross_check": {
         **{"pool": 20, "screen": 50, "draws": 500, "proposals": 500},
         **{"warmup": 10, "chain": 20, "told": 20},
