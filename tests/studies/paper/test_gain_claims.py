@@ -3,12 +3,16 @@
 import numpy as np
 import pytest
 from scipy import stats
+from studies.kit.resume import Pieces
+from studies.paper.experiment import committed
 from studies.paper.experiments.gain_claims import CURVE, claims_of
-from studies.paper.experiments.gain_marginalised import measured
+from studies.paper.experiments.gain_marginalised import LEVELS, RECIPES, measured, on_pairs
 from studies.paper.experiments.gain_pairs import GAIN_RANGE, KINDS, MEMBERS, GainPairs, summaries
 from studies.paper.judge import Agreement, judge
 from studies.paper.numbers import as_table, by_claim
+from studies.paper.paper_flow import VARIANTS, WITH_GAIN, record_of
 from studies.paper.registry import claims
+from studies.paper.trainings import by_training
 
 
 class Normal:
@@ -151,3 +155,72 @@ def test_members_of_a_pair_share_theta_and_noise(xray_data):
     # Independent members would differ by 1.4 noise; these by what the gain does.
     assert np.sqrt(((shifted - clean) ** 2).sum()) < 0.7 * noise
     assert not np.array_equal(clean, shifted)
+
+
+class Scaled:
+    """A photon index so many times a function of the data, and a gain like its prior."""
+
+    def __init__(self, scale):
+        self.scale = scale
+
+    def sample(self, x, n, rng):
+        theta = np.ones((len(x), n, 6))
+        theta[..., 1] = self.scale * x[:, :1].astype(float) + 1e-3 * rng.standard_normal((1, n))
+        theta[..., 5] = rng.uniform(*GAIN_RANGE, (1, n))
+        return theta
+
+
+def biases(folder, name, scales):
+    """Means of shifts, by claim and part."""
+    sizes = {"pairs": 60, "seeds": 1, "draws": 20, "exact": 2, "curve": 60}
+    flows = {of: Scaled(scale) for of, scale in zip(RECIPES, scales, strict=True)}
+    found = on_pairs(flows, sizes, Pieces(folder, {"scales": list(scales)}, name=name), 5)
+    return {(claim, part): np.array(found[claim][part]) for claim, part in GROWS}
+
+
+GROWS = {
+    ("gm.bias.fixed.medium", "value"): 2.0,
+    ("gm.bias.marg.medium", "value"): 3.0,
+    ("gm.bias.bright", "value"): 5.0,
+    ("gm.bias.bright", "marginalised"): 7.0,
+    ("gm.bias.lin.3pc", "down 3"): 2.0,
+    ("gm.bias.lin.3pc", "up 1"): 2.0,
+}
+"""How many times as large numbers are, of flows by level and kind that see 2, 3, 5 and 7 times as much."""
+
+
+def test_every_flow_is_asked_of_its_own_level_and_kind(xray_data, tmp_path):
+    """Of flows that see more of the same: what each number is of grows with its own."""
+    pytest.importorskip("jaxspec")
+    assert list(RECIPES) == [(level, kind) for level in LEVELS for kind in KINDS]
+    one, more = (biases(tmp_path, "one", scales) for scales in ((1.0,) * 4, (2.0, 3.0, 5.0, 7.0)))
+    for place, times in GROWS.items():
+        assert one[place][0] != 0.0
+        np.testing.assert_allclose(more[place], times * one[place], rtol=1e-9)
+    # A gain to the other side shifts to the other side.
+    assert one["gm.bias.lin.3pc", "down 3"][0] * one["gm.bias.fixed.medium", "value"][0] < 0.0
+    # Another experiment sees the same pairs.
+    for place, value in biases(tmp_path, "other", (1.0,) * 4).items():
+        np.testing.assert_array_equal(value, one[place])
+
+
+def test_recipes_are_of_their_level_and_have_a_gain_or_not():
+    for (level, kind), name in RECIPES.items():
+        variant = VARIANTS[name]
+        assert (variant.response, variant.level, variant.gain) == ("epic-pn", level, kind == "marginalised")
+
+
+def test_how_the_network_was_trained_is_off_its_records():
+    records = [record_of(f"epic-pn-medium-gain{end}") for end in WITH_GAIN]
+    train = claims()["gm.train"]
+    assert by_training(train, "epochs").tolist() == [record["epochs"] for record in records]
+    assert by_training(train, "simulations").tolist() == [50_000] * len(records)
+
+
+def test_what_flows_of_our_own_give_stands_beside_every_number():
+    ours = by_claim(committed("gain_ours"))
+    said = measured(committed("gain_marginalised"))
+    one, two = ours["gm.bias.fixed.medium"]["value"], ours["gm.cov90"]
+    assert said["gm.bias.fixed.medium"].note.endswith(f"; flows of our own give {one:.4g}")
+    assert said["gm.cov90"].note == f"flows of our own give {two['least']:.3g} to {two['most']:.3g}"
+    assert set(said) - set(ours) == {"gm.train"}

@@ -8,7 +8,7 @@ from studies.paper.experiment import committed
 from studies.paper.grid_populations import is_kept
 from studies.paper.moderated import prior_of
 from studies.paper.numbers import by_claim
-from studies.paper.paper_flow import TRAININGS
+from studies.paper.paper_flow import TRAININGS, WITH_GAIN
 from studies.paper.trainings import AUC, NONE, POSTERIOR, Scatter, by_training, kind_of, scatter
 
 EXPERIMENTS = ("detection", "importance", "calibration_published", "line_bias", "gain_marginalised")
@@ -57,6 +57,18 @@ def test_degrees_of_freedom_grow_with_trainings_where_they_are_a_claims_own():
     # Two sets of four, as of the coverage deviation: six of their own.
     assert Scatter(sd=1.0, df=8.0, own=6.0, trainings=4).freedom(5) == 10.0
     assert Scatter(sd=1.0, df=2.0).freedom(4) == 5.0
+
+
+def test_a_claim_of_fewer_trainings_is_squeezed_by_what_more_of_others_tell(priors):
+    claim, prior = claims()["gm.bias.bright"], priors[POSTERIOR]
+    row = by_training(claim)
+    assert len(row) == len(WITH_GAIN) < len(TRAININGS)
+    own = len(row) - 1.0
+    unit = by_claim(committed(claim.by), "standard_error")[claim.id]["value"]
+    variance = (prior.df * prior.scale + own * row.var(ddof=1) / unit**2) / (prior.df + own)
+    found = scatter(claim, "value")
+    assert found.sd == pytest.approx(unit * np.sqrt(variance))
+    assert (found.df, found.own, found.trainings) == (pytest.approx(prior.df + own), own, len(row))
 
 
 @pytest.mark.parametrize(
