@@ -102,13 +102,12 @@ def _first(parts: Mapping[str, float]) -> str:
 
 
 NOBODY = """\
-Its networks are not published, nor which bright spectra its exact runs took, one but by its counts. The NICER
-response that it names does not come with it; ours is another."""
+Its networks and its NICER response (ours is another) are not published, nor which bright spectra its exact
+runs took, one but by its counts."""
 
 NOT_MADE = """\
 Of {planned} trainings of its network that were fixed beforehand {made} are made. Lacking are {lacking} on
-NICER, whose claims stand beside flows of our own and are not judged, and {gain} with a free gain.{curve}
-Scores of single spectra are not kept: where cells are taken together, spectra are drawn from a model."""
+NICER and {gain} with a free gain.{curve}"""
 CURVE = "\nIts learning curve, {number} more trainings, is not made either."
 
 BELOW = (

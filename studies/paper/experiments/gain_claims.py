@@ -17,8 +17,8 @@ from studies.paper.numbers import Numbers, Parts, by_claim, mean_of, measurement
 Both = tuple[float, float]
 
 BOOTSTRAPS = 1000
-PRIOR_WIDTH = 0.9 * (GAIN_RANGE[1] - GAIN_RANGE[0])
-"""Central 90 per cent of the gain's prior."""
+CENTRAL = 0.9
+"""Of the gain's uniform prior, whose width is what posteriors' is told in."""
 
 SHIFT = 3.0
 """Per cent of gain."""
@@ -108,8 +108,11 @@ def _in_sd(run: Arrays) -> list[Both]:
     return found
 
 
+ENDS = {"least": min, "most": max}
+
+
 def _extremes(values: Sequence[Both]) -> Parts:
-    return {"least": min(values), "most": max(values)}
+    return {place: pick(values) for place, pick in ENDS.items()}
 
 
 def _line(shifts: Mapping[float, Array]) -> Both:
@@ -127,12 +130,16 @@ def _gain(every: Mapping[str, Arrays]) -> Numbers:
     for level, run in every.items():
         for member in MEMBERS:
             low, high = (run[f"marginalised-{member}-gain-{end}"] for end in ("low", "high"))
-            widths[f"{level} {member}"] = mean_of((high - low) / PRIOR_WIDTH)
+            widths[f"{level} {member}"] = mean_of((high - low) / (CENTRAL * np.ptp(GAIN_RANGE)))
         out[level] = (low > 1.0) | (high < 1.0)
     excluded, number = float(sum(map(np.sum, out.values()))), float(sum(map(len, out.values())))
     error = float(np.sqrt(max(excluded, 1.0)))
     return {
-        "gm.g.width": {**widths, **_extremes(list(widths.values()))},
+        "gm.g.width": {
+            **widths,
+            **_extremes(list(widths.values())),
+            **{f"{place} of all": CENTRAL * pick(widths.values())[0] for place, pick in ENDS.items()},
+        },
         "gm.g.exclude": {
             **{level: mean_of(values) for level, values in out.items()},
             "value": (excluded, error),
@@ -176,6 +183,7 @@ NOTES = {
     "1 and 3 per cent",
     "gm.KPL.bias.fixed": _NORM,
     "gm.KPL.bias.marg": _NORM,
+    "gm.g.width": "over the whole prior {least of all:.3f} to {most of all:.3f}",
     "gm.g.exclude": "at 90 per cent, of {spectra:.0f}; medium {medium:.1%}, bright {bright:.1%}",
 }
 
