@@ -58,7 +58,7 @@ MADE = SEEDS[:3]
 TRAININGS = ("", *(f"-seed{seed}" for seed in MADE))
 """How the names of a recipe's trainings end, the first first."""
 
-WITH_GAIN = TRAININGS[:2]
+WITH_GAIN = TRAININGS[:3]
 """Those that are made with a free gain too."""
 
 

@@ -141,6 +141,8 @@ def test_gains_that_exclude_one_are_counted(found):
     assert numbers["gm.g.exclude"]["share"] == pytest.approx(60 / 3600)
     assert numbers["gm.g.exclude"]["bright"] == pytest.approx(60 / 1800)
     assert numbers["gm.g.width"]["most"] == pytest.approx(1.0)
+    # Nine tenths of the prior lie in its central 90 per cent.
+    assert numbers["gm.g.width"]["most of all"] == pytest.approx(0.9)
 
 
 def test_members_of_a_pair_share_theta_and_noise(xray_data):
