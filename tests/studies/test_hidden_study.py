@@ -15,10 +15,10 @@ from studies.hidden.document import FIGURE, MAKERS, PAGE, blocks, document
 from studies.hidden.runner import run, seed_of, so_far
 from studies.hidden.score import FoundNames, scored, stated, table
 from studies.hidden.seal import Answer, SealedCase, cases, opened, seal
-from studies.hidden.targets import by_effect, target, targets
+from studies.hidden.targets import by_effect, eligible, target, targets
 from studies.hidden.truth import Truth
 from studies.kit.page import filled
-from studies.kit.results import DOCS, write
+from studies.kit.results import DOCS, RESULTS, read, write
 from studies.kit.statements import Said
 from studies.kit.statements import table as statements_table
 
@@ -271,3 +271,32 @@ def test_a_twin_of_the_study(tmp_path, xray_data):
     assert (made["nearest"].values[listed] >= 5).sum() >= 4
     assert made["right"].values[listed].sum() >= 5
     assert (made["named"].values[nothing] != "").sum() <= 1
+
+
+def test_what_is_told_of_todays_search_is_in_its_tables():
+    """Names that were lost, by what stands beside them; statements by what is hidden; the part before."""
+    text, how = (
+        " ".join((DOCS / name).read_text(encoding="utf-8").split()) for name in (PAGE, "discovery.md")
+    )
+    was, now, part = (read(RESULTS / f"{name}.nc") for name in ("hidden", "hidden-today", "hidden-a106d8e"))
+    fair = np.isin(was["number"].values, eligible(was, "listed")["number"].values)
+    lost = fair & (was["right"].values == 1) & (now["right"].values < 1)
+    sets = [set(alike.replace(",", " ").split()) for alike in now["alike"].values]
+    two = lost & (now["right"].values == 0.5)
+    smooth = sum("unnamed" in sets[i] for i in np.flatnonzero(two))
+    assert (int(lost.sum()), int(two.sum()), smooth) == (34, 26, 16)
+    assert f"Of the {lost.sum()} that were lost, {two.sum()} are one of two now: {smooth} beside" in text
+    assert int((lost & (now["named"].values == "unnamed")).sum()) == 1
+    # The first 346 by the code before: the same names stand alone.
+    first = part["number"].values
+    alone = part["right"].values == 1
+    np.testing.assert_array_equal(alone, now["right"].values[first] == 1)
+    assert f"of these {(alone & fair[first]).sum()} right names of {fair[first].sum()} stood alone" in text
+    said = read(RESULTS / "hidden-today.nc", "statements")
+    kind = now["kind"].values[said["case"].values.astype(int)]
+    certain, right = (said[name].values.astype(bool) for name in ("certain", "right"))
+    known, unknown = (certain & (kind == one) for one in ("listed", "unlisted"))
+    assert f"{right[known].sum()} of {known.sum()} statements hold of single effects" in text
+    assert f"{right[unknown].sum()} of {unknown.sum()} of what it lacks" in text
+    assert f"{right[certain].sum()} of {certain.sum()} certain statements hold" in how
+    assert f"and {right[~certain].sum()} of {(~certain).sum()} others" in how
