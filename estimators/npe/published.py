@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import torch
 from torch import Tensor, nn
+from torch.nn.functional import conv2d
 
 from gaugeblock.core.devices import torch_device
 from gaugeblock.core.errors import InputError, require
@@ -22,6 +23,22 @@ from sbi.inference import NPE as Inference  # noqa: E402
 from sbi.neural_nets import posterior_nn  # noqa: E402
 
 
+class Convolution(nn.Conv1d):
+    """A convolution with five weights, its output as long as its input: `torch.nn.Conv1d`'s, in less time.
+
+    The features of a channel lie side by side in memory, as oneDNN computes them; in torch's usual order, a
+    feature's channels side by side, it would take every spectrum apart and put it together again.
+    """
+
+    def __init__(self, features: int, made: int):
+        super().__init__(features, made, 5, padding=2)
+
+    def forward(self, x: Tensor) -> Tensor:
+        """From ``(n, feature, channel)`` to as many channels of other features."""
+        image, weight = (part.unsqueeze(2).to(memory_format=torch.channels_last) for part in (x, self.weight))
+        return conv2d(image, weight, self.bias, padding=(0, 2)).squeeze(2)
+
+
 class _Larger(torch.autograd.Function):
     """The larger of every two neighbours: what ``max_pool1d(x, 2)`` gives, in less time.
 
@@ -31,12 +48,12 @@ class _Larger(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, x: Tensor) -> Tensor:
         first, second = _neighbours(x)
-        ctx.first_is, ctx.length = first >= second, x.shape[-1]
+        ctx.first_is, ctx.shape, ctx.stride = first >= second, x.shape, x.stride()
         return torch.maximum(first, second)
 
     @staticmethod
     def backward(ctx: Any, gradient: Tensor) -> Tensor:
-        made = gradient.new_empty((*gradient.shape[:-1], ctx.length))
+        made = gradient.new_empty_strided(ctx.shape, ctx.stride)
         made[..., 2 * gradient.shape[-1] :] = 0.0
         first, second = _neighbours(made)
         torch.mul(gradient, ctx.first_is, out=first)
@@ -66,8 +83,8 @@ class PublishedEmbedding(nn.Module):
         super().__init__()
         # The study takes the larger after ReLU; before, it is the same, of half as many numbers.
         self.convolutions = nn.Sequential(
-            nn.Conv1d(1, 16, 5, padding=2), Halved(), nn.ReLU(),
-            nn.Conv1d(16, 32, 5, padding=2), Halved(), nn.ReLU(),
+            Convolution(1, 16), Halved(), nn.ReLU(),
+            Convolution(16, 32), Halved(), nn.ReLU(),
         )  # fmt: skip
         self.dense = nn.Sequential(nn.Linear(32 * (channels // 4), 64), nn.ReLU(), nn.Linear(64, summaries))
 
