@@ -32,8 +32,8 @@ from gaugeblock.core.progress import Bars
 from studies.hidden.instrument import Instrument, response
 from studies.hidden.spectrum import CrossSection, blackbody, gaussian, powerlaw
 from studies.kit.command import carried_out, given_folder, of_a_commit, seeded
-from studies.kit.page import fill, table
-from studies.kit.results import clopper_pearson, command_of_both, measured_commit, read, write
+from studies.kit.page import fill, limits, table
+from studies.kit.results import command_of_both, measured_commit, read, write
 from studies.kit.resume import Pieces, code_of, stream
 from studies.kit.statements import said
 
@@ -420,7 +420,8 @@ def shown(made: xr.Dataset) -> str:
         part = made.isel(row=chosen)
         if part.sizes["row"]:
             hits = (part["p_global"] < LEVEL, part["named"] != "", part["certain"])
-            lines.append([label, str(part.sizes["row"]), *(_rate(one.values) for one in hits)])
+            number, found = part.sizes["row"], [int(one.values.sum()) for one in hits]
+            lines.append([label, str(number), *(f"{n} {limits(n, number, digits=1)}" for n in found)])
     header = ["", "spectra", f"global p below {LEVEL:g}", "a name or `unnamed`", "anything certain"]
     errors = "".join(
         f"\n\n{instrument}, `{model}`, band {band}: {error}"
@@ -429,11 +430,6 @@ def shown(made: xr.Dataset) -> str:
         )
     )
     return f"{table(header, lines)}{errors}\n\n{measured_commit(made)}"
-
-
-def _rate(hits: Any) -> str:
-    low, high = clopper_pearson(int(hits.sum()), len(hits))
-    return f"{int(hits.sum())} ({low:.1%} to {high:.1%})"
 
 
 def main(arguments: Sequence[str]) -> int:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from studies.faults.measure import ARMS
 from studies.faults.rivals import FAIR
 from studies.kit import page
-from studies.kit.results import clopper_pearson, command_of, stored
+from studies.kit.results import command_of, stored
 
 PAGE = "hidden-faults.md"
 WORDS = {"called": "called again", "draws": "draws alone"}
@@ -38,8 +38,8 @@ def rate(count: float, number: int) -> str:
     """
     if not number:
         return "-"
-    low, high = clopper_pearson(np.floor(count), number)
-    return f"{count / number:.{0 if 10 <= number < 200 else 1}%} of {number} ({low:.0%} to {high:.0%})"
+    share = f"{count / number:.{0 if 10 <= number < 200 else 1}%} of {number}"
+    return f"{share} {page.limits(np.floor(count), number)}"
 
 
 def _part(table: xr.Dataset, **which: object) -> xr.Dataset:

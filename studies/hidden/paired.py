@@ -9,8 +9,8 @@ import xarray as xr
 from scipy import stats
 
 from studies.hidden.targets import eligible
+from studies.kit.page import limits
 from studies.kit.page import table as rows
-from studies.kit.results import clopper_pearson
 
 EDGES = (0.0, 0.5, 0.8, 0.925, 0.97, 1.0)
 """Of printed probabilities, from row to row."""
@@ -74,7 +74,7 @@ def reliability(statements: xr.Dataset) -> str:
     lines = []
     for name, of in chosen:
         if of.any():
-            low, high = clopper_pearson(int(right[of].sum()), int(of.sum()))
-            share = f"{right[of].mean():.1%} ({low:.1%} to {high:.1%})"
-            lines.append((name, str(int(of.sum())), f"{stated[of].mean():.3f}", share))
+            number = int(of.sum())
+            share = f"{right[of].mean():.1%} {limits(int(right[of].sum()), number, digits=1)}"
+            lines.append((name, str(number), f"{stated[of].mean():.3f}", share))
     return rows(("printed probability", "statements", "mean of it", "hold"), lines)

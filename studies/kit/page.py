@@ -22,8 +22,17 @@ def counted(count: int, number: int, *, digits: int = 0) -> str:
     >>> counted(9, 10), counted(0, 0, digits=1)
     ('9 of 10 (55% to 100%)', '0 of 0 (0.0% to 100.0%)')
     """
+    return f"{count} of {number} {limits(count, number, digits=digits)}"
+
+
+def limits(count: float, number: int, *, digits: int = 0) -> str:
+    """The exact 95% limits of a rate, in brackets.
+
+    >>> limits(9, 10, digits=1)
+    '(55.5% to 99.7%)'
+    """
     low, high = clopper_pearson(count, number) if number else (0.0, 1.0)
-    return f"{count} of {number} ({low:.{digits}%} to {high:.{digits}%})"
+    return f"({low:.{digits}%} to {high:.{digits}%})"
 
 
 def filled(text: str, blocks: Mapping[str, str]) -> str:

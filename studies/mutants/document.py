@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from studies.kit import page
-from studies.kit.results import clopper_pearson, command_of
+from studies.kit.results import command_of
 
 UNNOTICED = ("survived", "time was up")
 
@@ -32,10 +32,8 @@ def draw_table(table: xr.Dataset, name: str) -> str:
         by_room["all"] = tuple(map(sum, zip(*by_room.values(), strict=True)))  # type: ignore[assignment]
     rows = []
     for room, (number, noticed, survived, equivalent) in by_room.items():
-        low, high = clopper_pearson(noticed, noticed + survived)
-        share = (
-            f"{noticed / (noticed + survived):.0%} ({low:.0%} to {high:.0%})" if noticed + survived else ""
-        )
+        told = noticed + survived
+        share = f"{noticed / told:.0%} {page.limits(noticed, told)}" if told else ""
         rows.append([room, str(number), str(noticed), str(survived), str(equivalent), share])
     header = ["room", "run", "noticed", "survived", "equivalent", "noticed, of those that are not equivalent"]
     run, drawn = len(table["mutant"]), int(table.attrs["drawn"])

@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from studies.kit import page
-from studies.kit.results import clopper_pearson, command_of, read_groups
+from studies.kit.results import command_of, read_groups
 from studies.simulated.series import PHI
 
 WEEK = 5.0
@@ -122,8 +122,7 @@ def intervals_table(tables: Mapping[str, xr.Dataset]) -> str:
         parts.append(("all that were named right in the table above", tables["names"]))
     for label, table in parts:
         number, inside, mean, sd = pulls(table)
-        low, high = clopper_pearson(inside, number)
-        share = f"{inside} of {number} ({float(low):.0%} to {float(high):.0%})"
+        share = page.counted(inside, number)
         rows.append([label, str(table["named"].size), share, f"{mean:+.2f}", f"{sd:.2f}"])
     return page.table(
         ["hidden", "catalogues", "90% intervals that hold it", "mean pull", "sd of pulls"], rows
