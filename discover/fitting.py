@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.coordinates import EDGE, Coordinates
-from gaugeblock.simulators.protocol import HasJacobian, poisson_log_likelihood
+from gaugeblock.simulators.protocol import HasJacobian, HasPlaces, poisson_log_likelihood
 
 TINY = 1e-12
 """Smallest mean that a residual is divided by."""
@@ -31,6 +31,12 @@ be nothing but curvature, and go to both."""
 EARLY, HOPELESS = 20, 10.0
 """After so many steps a start is given up that another of its source leads by so many times what it promises,
 or by so many nats."""
+
+FEW = 64
+"""Most sources of which every place is tried anew where something narrow may be."""
+
+BINS = 64
+"""Equally likely ranges of a place, of each of which one start at most is taken."""
 
 BLOCK = 1024
 """Sources fitted side by side: bounds memory."""
@@ -77,6 +83,8 @@ def fit(
     """Maximise the Poisson likelihood of each row of counts, times the Gaussian part of the prior.
 
     Bounded priors only bound; within them every value is as good as another. Counts need not be whole.
+    Of something narrow in the model (`HasPlaces`) a climb ends near the place where it began. Without `start`
+    the place and what goes with it are drawn from the prior again, beside the best fit, and climb from there.
 
     Parameters
     ----------
@@ -103,19 +111,27 @@ def fit(
         given = np.asarray(start, dtype=float)
         starts = given[:, None] if given.ndim == 2 else given
     free = np.array([name not in fixed for name in simulator.prior.names])
-    pieces = [
-        _best(
-            simulator,
-            coordinates,
-            rows[i : i + BLOCK],
-            scales[i : i + BLOCK],
-            starts[i : i + BLOCK],
-            free,
-            iterations,
+
+    def climbed(starts: Array) -> Fit:
+        parts = [slice(i, i + BLOCK) for i in range(0, len(rows), BLOCK)]
+        return joined(
+            [
+                _best(simulator, coordinates, rows[part], scales[part], starts[part], free, iterations)
+                for part in parts
+            ]
         )
-        for i in range(0, len(rows), BLOCK)
-    ]
-    return joined(pieces)
+
+    found = climbed(starts)
+    if start is None and isinstance(simulator, HasPlaces) and len(rows) <= FEW:
+        drawn = np.asarray(simulator.prior.sample(bank, np.random.default_rng(seed)))
+        for place, beside in simulator.places.items():
+            columns = [simulator.prior.names.index(name) for name in (place, *beside)]
+            moved = [
+                _moved(simulator, drawn, columns, theta, counted, seen, tries)
+                for theta, counted, seen in zip(found.theta, rows, scales, strict=True)
+            ]
+            found = _lower(found, climbed(np.stack(moved)))
+    return found
 
 
 PER_SOURCE = ("theta", "expected", "jacobian", "log_likelihood", "objective", "converged")
@@ -140,10 +156,47 @@ def likeliest_draws(
 ) -> Array:
     """The `tries` likeliest of `bank` draws from the prior for each source, ``(source, try, parameter)``."""
     theta = simulator.prior.sample(bank, np.random.default_rng(seed))
-    mean = np.maximum(np.asarray(simulator.expected(theta)), TINY)
-    score = counts @ np.log(mean).T - scale[:, None] * mean.sum(axis=1)
-    best = np.argsort(-score, axis=1)[:, :tries]
+    best = np.argsort(-_likelihoods(simulator, theta, counts, scale), axis=1)[:, :tries]
     return np.asarray(theta[best])
+
+
+def _likelihoods(simulator: Any, theta: Array, counts: Array, scale: Array) -> Array:
+    """Log likelihood ``(source, draw)`` of every theta for every source, up to a constant of the source."""
+    mean = np.maximum(np.asarray(simulator.expected(theta)), TINY)
+    return np.asarray(counts @ np.log(mean).T - scale[:, None] * mean.sum(axis=1))
+
+
+def _moved(
+    simulator: Any,
+    drawn: Array,
+    columns: Sequence[int],
+    theta: Array,
+    counts: Array,
+    scale: float,
+    tries: int,
+) -> Array:
+    """Starts ``(try, parameter)`` of one source: its theta but for the columns, the first of them a place.
+
+    The columns are those of the likeliest draws, of each range of the place one.
+    """
+    beside = np.repeat(theta[None], len(drawn), axis=0)
+    beside[:, columns] = drawn[:, columns]
+    score = _likelihoods(simulator, beside, counts[None], np.array([scale]))[0]
+    ranges = np.argsort(np.argsort(drawn[:, columns[0]])) * BINS // len(drawn)
+    order = np.argsort(-score)
+    first = np.unique(ranges[order], return_index=True)[1]
+    return np.asarray(beside[order[np.sort(first)[:tries]]])
+
+
+def _lower(one: Fit, other: Fit) -> Fit:
+    """Of each source the fit with the lower objective, of equals the first."""
+    better = other.objective < one.objective
+
+    def chosen(name: str) -> Any:
+        mine, theirs = getattr(one, name), getattr(other, name)
+        return np.where(better.reshape(-1, *[1] * (mine.ndim - 1)), theirs, mine)
+
+    return replace(one, **{name: chosen(name) for name in PER_SOURCE})
 
 
 def _best(

@@ -130,6 +130,19 @@ class HasGaps(Protocol):
 
 
 @runtime_checkable
+class HasPlaces(Protocol):
+    """Knows which parameters say where something narrow is: the likelihood has a valley at every place."""
+
+    @property
+    def prior(self) -> Prior:
+        """Prior over the parameters."""
+
+    @property
+    def places(self) -> Mapping[str, tuple[str, ...]]:
+        """By the parameter's name, the parameters that go with it: how much of it there is, how wide."""
+
+
+@runtime_checkable
 class HasWStatistic(Protocol):
     """Knows XSPEC's statistic of counts beside a background, which is printed for comparison."""
 
@@ -197,6 +210,7 @@ CAPABILITIES: tuple[type, ...] = (
     *(HasLikelihood, LikelihoodSimulator, HasTraceableLikelihood, Extensible, HasEffectLibrary, HasGaps),
     *(
         Segmented,
+        HasPlaces,
         HasWStatistic,
         HasXcm,
         HasNotes,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -76,6 +76,28 @@ ENERGIES = {
     ("Lorentz", "E_l"),
 }
 """Those that are energies of lines and edges: they lie in the band of the response."""
+
+
+def places(tree: Node, names: Collection[str]) -> dict[str, tuple[str, ...]]:
+    """Energies of a model's lines and edges, each with the parameters of its components, of those in `names`.
+
+    >>> model = "tbabs*(powerlaw+gauss)*edge"
+    >>> places(parse(model), parameter_names(parse(model)))
+    {'gauss_1.El': ('gauss_1.sigma', 'gauss_1.norm'), 'edge_1.Ec': ('edge_1.tau',)}
+    """
+    found: dict[str, tuple[str, ...]] = {}
+    for leaf in leaves(tree):
+        free = {
+            parameter: source
+            for parameter, source in leaf.bindings
+            if isinstance(source, str) and source in names
+        }
+        for parameter, source in free.items():
+            if (leaf.component, parameter) in ENERGIES:
+                beside = [other for other in free.values() if other != source]
+                found[source] = tuple(dict.fromkeys([*found.get(source, ()), *beside]))
+    return found
+
 
 FAINTEST, BRIGHTEST = 1e-3, 10.0
 """A norm reaches from this part of what all the counts need to that multiple of it."""

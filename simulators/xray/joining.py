@@ -59,6 +59,11 @@ class CrossCalibrated:
         return dict(self.source.effect_library(array[..., :-1]))
 
     @property
+    def places(self) -> Mapping[str, tuple[str, ...]]:
+        """The source's."""
+        return dict(self.source.places)
+
+    @property
     def notes(self) -> tuple[str, ...]:
         """What was repaired or left out when the files were read, one line each."""
         return tuple(self.source.notes)

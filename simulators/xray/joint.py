@@ -165,6 +165,11 @@ class JointSpectra(PoissonCounts):
         )
 
     @property
+    def places(self) -> Mapping[str, tuple[str, ...]]:
+        """The source's, whose parameters all instruments share."""
+        return dict(self.parts[0].simulator.places)
+
+    @property
     def notes(self) -> tuple[str, ...]:
         """What was repaired or left out when the files were read, one line each."""
         return tuple(f"{part.name}: {note}" for part in self.parts for note in part.simulator.notes)

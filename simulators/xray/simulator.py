@@ -16,6 +16,7 @@ from gaugeblock.simulators.library import LibraryEffect
 from gaugeblock.simulators.poisson import PoissonCounts
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.segments import Segment
+from gaugeblock.simulators.xray.default_priors import places
 from gaugeblock.simulators.xray.effects import Assembly, extend
 from gaugeblock.simulators.xray.expression import leaves, of_jaxspec, parameter_names, parse
 from gaugeblock.simulators.xray.folding import forward
@@ -128,6 +129,11 @@ class XraySpectrum(PoissonCounts):
     def effect_library(self, theta: ArrayLike) -> Mapping[str, LibraryEffect]:
         """The effects that may be missing, their amplitudes scaled for fitted theta ``(n, parameter)``."""
         return effect_library(self._assembly, self.response, theta)
+
+    @cached_property
+    def places(self) -> Mapping[str, tuple[str, ...]]:
+        """Energies of the model's lines and edges that are free, each with the rest of its component."""
+        return places(parse(self.model), self.prior.names)
 
     @property
     def notes(self) -> tuple[str, ...]:

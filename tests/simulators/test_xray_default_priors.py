@@ -8,7 +8,14 @@ from gaugeblock.core.errors import InputError
 from gaugeblock.simulators import LogUniform, Prior, Uniform
 
 pytest.importorskip("jaxspec")
-from gaugeblock.simulators.xray import Response, XraySpectrum, default_prior, reference
+from gaugeblock.simulators.xray import (
+    Response,
+    XraySpectrum,
+    default_prior,
+    joint_spectra,
+    reference,
+    with_background,
+)
 from gaugeblock.simulators.xray.build import settled
 from gaugeblock.simulators.xray.components import COMPONENTS
 from gaugeblock.simulators.xray.default_priors import SHAPES
@@ -194,3 +201,29 @@ def test_shapes_that_need_unlike_norms_widen_the_prior(simulator):
     half = max(0.5 * np.log10(1e4 * needed[1800] / needed[200]), 3.0)
     # 512 draws tell the tenths within a few percent of an index.
     np.testing.assert_allclose(np.log10([low, high]), np.log10(middle) + np.array([-half, half]), atol=0.15)
+
+
+LINED = "tbabs*edge*(powerlaw+gauss+zgauss(El={El}))"
+
+
+@pytest.mark.parametrize(
+    ("El", "second"),
+    [("6.7", {}), ("gauss_1.El", {"gauss_1.El": ("zgauss_1.sigma", "zgauss_1.redshift", "zgauss_1.norm")})],
+)
+def test_lines_and_edges_have_places_where_their_energies_are_free(simulator, El, second):
+    """A tied energy takes the parameters of both components along, a frozen one is no place."""
+    model = LINED.format(El=El)
+    prior = default_prior(model, simulator.response, np.full(102, 10))
+    source = XraySpectrum(model, simulator.response, prior)
+    line = ("gauss_1.sigma", "gauss_1.norm", *second.get("gauss_1.El", ()))
+    wanted = {"edge_1.Ec": ("edge_1.tau",), "gauss_1.El": line}
+    assert source.places == wanted
+    assert all(name in prior.names for place in wanted for name in (place, *wanted[place]))
+    behind = with_background(source, np.full(102, 5), 0.5, knots=[0.5, 2.0, 8.0])
+    joint = joint_spectra([behind, source], ["a", "b"])
+    assert behind.places == joint.places == joint.parts[1].simulator.places == wanted
+    assert all(name in joint.prior.names for place in wanted for name in (place, *wanted[place]))
+
+
+def test_a_model_without_lines_has_no_places(simulator):
+    assert simulator.places == {}

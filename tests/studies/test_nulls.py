@@ -1,5 +1,7 @@
 """Spectra with nothing in them: made as they say, read as they were made, counted as they should be."""
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -131,6 +133,31 @@ def test_models_are_those_that_are_searched_with(tools, tmp_path, model, theta):
     deviance = 2 * (counts * np.log(counts / mean) - counts + mean).sum()
     bins = len(counts)
     assert abs(deviance - bins) < 4 * np.sqrt(2 * bins)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_line_of_the_model_is_fitted_where_it_is(tools, tmp_path, seed):
+    """Anywhere from 0.05 to 16 keV; no fit that begins at the line's own energies ends a nat lower."""
+    from gaugeblock.discovery.fitting import fit
+    from gaugeblock.simulators.xray import read_observation
+
+    model, files = "tbabs*(powerlaw+gauss)", nulls.instruments(None)["EPIC-pn"]
+    case, found = made(tools, 2e4, seed, model=model, band=None, background=False, grouping="by the program")
+    paths = nulls.written(found, files, tmp_path)
+    read = read_observation(paths["pha"], model=case.model, rmf=files.rmf, arf=files.arf, background="none")
+    assert read.simulator.prior.marginals["gauss_1.El"].support[1] > 15.0
+    best = fit(read.simulator, read.counts, bank=16384, tries=16)
+    names = list(read.simulator.prior.names)
+    starts = np.tile(best.theta[0], (12, 1))
+    for row, (energy, sigma, width) in zip(
+        starts, itertools.product((6.3, 6.4, 6.5), (0.02, 0.1), (0.05, 0.2)), strict=True
+    ):
+        at = {name.rpartition(".")[2]: value for name, value in zip(names, row, strict=True)}
+        norm = width * row[names.index("powerlaw_1.norm")] * energy ** -at["alpha"]
+        for name, value in (("El", energy), ("sigma", sigma), ("norm", norm)):
+            row[names.index(f"gauss_1.{name}")] = value
+    near = fit(read.simulator, read.counts, start=starts[None])
+    assert best.objective[0] - near.objective[0] < 1.0
 
 
 def test_cases_are_of_all_kinds_and_the_same_again():
