@@ -8,7 +8,7 @@ import pytest
 pytest.importorskip("jaxspec")
 from studies import nulls
 from studies.kit.page import filled
-from studies.kit.results import DOCS, read
+from studies.kit.results import DOCS, RESULTS, read
 
 pytestmark = pytest.mark.usefixtures("xray_data")
 
@@ -238,3 +238,18 @@ def test_the_page_is_of_the_stored_table():
         pytest.skip("studies/results/nulls.nc is not there")
     page = (DOCS / "measured.md").read_text(encoding="utf-8")
     assert filled(page, {"measured nulls": nulls.shown(read(stored))}) == page
+
+
+def test_what_the_page_says_by_hand_is_counted():
+    said = " ".join((DOCS / "measured.md").read_text(encoding="utf-8").split())
+    now, before = (read(RESULTS / f"{name}.nc") for name in ("nulls", "nulls-a453d66"))
+    alarms = int((now["p_global"] < nulls.LEVEL).sum())
+    assert f"So far {now.sizes['row'] // 4} of the {nulls.EACH} cases that are meant" in said
+    assert f"a global p below 0.01 in {alarms} of {now.sizes['row']} spectra, and nothing certain" in said
+    assert f"Of {before.sizes['row']} that were searched at a453d66" in said
+    assert not now["certain"].any()
+    assert not before["certain"].any()
+    assert int((before["p_global"] < nulls.LEVEL).sum()) == 1
+    lined = now["model"].values == "tbabs*(powerlaw+gauss)"
+    assert f"In the {lined.sum()} spectra of `tbabs*(powerlaw+gauss)`" in said
+    assert not (now["p_global"].values[lined] < nulls.LEVEL).any()
