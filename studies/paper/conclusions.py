@@ -162,7 +162,7 @@ def _nicer(of: Found) -> Row:
     if not lent:
         raise KeyError("nicer")
     return "NICER shows the same", (
-        "**Not judged**: its networks are not made. Of cells by our flows, on another response file, "
+        "**Not judged**: its networks are not all made. Of cells by our flows, on another response file, "
         f"{sum(entry.misses for entry in lent)} of {sum(entry.cells for entry in lent)} lie outside; spectra "
         f"make {sum(entry.bare for entry in lent):.0f}, with networks that scatter as EPIC-pn's "
         f"{sum(entry.expected for entry in lent):.0f}."
