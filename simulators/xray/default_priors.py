@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -78,20 +78,15 @@ ENERGIES = {
 """Those that are energies of lines and edges: they lie in the band of the response."""
 
 
-def places(tree: Node, names: Collection[str]) -> dict[str, tuple[str, ...]]:
-    """Energies of a model's lines and edges, each with the parameters of its components, of those in `names`.
+def places(tree: Node) -> dict[str, tuple[str, ...]]:
+    """Energies of a model's lines and edges that are free, each with the other parameters of its components.
 
-    >>> model = "tbabs*(powerlaw+gauss)*edge"
-    >>> places(parse(model), parameter_names(parse(model)))
+    >>> places(parse("tbabs*(powerlaw+gauss)*edge"))
     {'gauss_1.El': ('gauss_1.sigma', 'gauss_1.norm'), 'edge_1.Ec': ('edge_1.tau',)}
     """
     found: dict[str, tuple[str, ...]] = {}
     for leaf in leaves(tree):
-        free = {
-            parameter: source
-            for parameter, source in leaf.bindings
-            if isinstance(source, str) and source in names
-        }
+        free = {parameter: source for parameter, source in leaf.bindings if isinstance(source, str)}
         for parameter, source in free.items():
             if (leaf.component, parameter) in ENERGIES:
                 beside = [other for other in free.values() if other != source]

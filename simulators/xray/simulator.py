@@ -133,7 +133,7 @@ class XraySpectrum(PoissonCounts):
     @cached_property
     def places(self) -> Mapping[str, tuple[str, ...]]:
         """Energies of the model's lines and edges that are free, each with the rest of its component."""
-        return places(parse(self.model), self.prior.names)
+        return places(parse(self.model))
 
     @property
     def notes(self) -> tuple[str, ...]:

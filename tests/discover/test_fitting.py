@@ -397,6 +397,14 @@ class Twice(Placed):
         return {"place": ("height",), "second": ("size",)}
 
 
+class First(Twice):
+    """Of which only the first says where it is."""
+
+    @property
+    def places(self):
+        return {"place": ("height",)}
+
+
 def test_of_two_places_both_are_tried(bumps):
     truth, _ = bumps
     both = np.concatenate([truth, (truth[:, 2:3] + 70.0) % 190.0 + 5.0, truth[:, 3:]], axis=1)
@@ -417,6 +425,39 @@ def test_of_every_source_the_better_fit_is_kept_whole(bumps):
     np.testing.assert_allclose(together.expected, Placed().expected(together.theta), rtol=1e-12)
     said = poisson_log_likelihood(together.expected, counts)
     np.testing.assert_allclose(together.log_likelihood, said, rtol=1e-9)
+
+
+def test_what_a_poor_try_of_places_makes_worse_stays(bumps):
+    _, counts = bumps
+    plain, placed = (fit(kind(), counts, bank=64, tries=1).objective for kind in (Bumped, Placed))
+    assert (placed <= plain + 1e-9).all()
+    assert (placed < plain - 1.0).any()
+    one, both = (fit(kind(), counts, bank=64, tries=1).objective for kind in (First, Twice))
+    assert (both <= one + 1e-9).all()
+
+
+def test_climbs_begin_anew_at_the_likeliest_places_that_lie_apart(bumps):
+    """What goes with a place is of one draw, the rest the best fit's; a 64th of places has one start."""
+    truth, _ = bumps
+    exposure, asked = 3.0, []
+
+    class Heard(Placed):
+        def expected(self, theta):
+            asked.append(np.array(theta))
+            return super().expected(theta)
+
+    counts = np.random.default_rng(7).poisson(exposure * Bumped().expected(truth[:1]))
+    fit(Heard(), counts, scale=[exposure], bank=1024, tries=8, seed=3)
+    second = [k for k, theta in enumerate(asked) if len(theta) == 1024][1]
+    bank, starts = asked[second], asked[second + 1]
+    drawn = Bumped.prior.sample(1024, np.random.default_rng(3))
+    np.testing.assert_array_equal(bank[:, 2:], drawn[:, 2:])
+    first = fit(Bumped(), counts, scale=[exposure], bank=1024, tries=8, seed=3).theta[0]
+    np.testing.assert_array_equal(bank[:, :2], np.tile(first[:2], (1024, 1)))
+    likely = poisson_log_likelihood(exposure * Bumped().expected(bank), counts[0])
+    parts = np.array_split(np.argsort(drawn[:, 2]), 64)
+    best = sorted((part[np.argmax(likely[part])] for part in parts), key=lambda k: -likely[k])[:8]
+    np.testing.assert_allclose(starts, bank[best], rtol=1e-9)
 
 
 def test_places_are_tried_of_few_sources_without_a_start_alone(bumps):
