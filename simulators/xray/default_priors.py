@@ -12,6 +12,7 @@ from gaugeblock.simulators.marginals import LogUniform, Marginal, Uniform
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.xray.components import COMPONENTS
 from gaugeblock.simulators.xray.expression import Leaf, Node, leaves, parameter_names, parse
+from gaugeblock.simulators.xray.places import ENERGIES
 from gaugeblock.simulators.xray.response import Response
 from gaugeblock.simulators.xray.tables import is_table, table_priors
 
@@ -69,30 +70,6 @@ SHAPES: Mapping[str, Mapping[str, Marginal]] = {
     "Zashift": {"redshift": _REDSHIFT},
 }
 """Prior of every parameter but norms and fluxes of what emits, by what computes it; see docs/xray.md."""
-
-ENERGIES = {
-    *((name, "El") for name in ("Gauss", "Zgauss", "Gabs")),
-    *((name, "Ec") for name in ("Edge", "Zedge")),
-    ("Lorentz", "E_l"),
-}
-"""Those that are energies of lines and edges: they lie in the band of the response."""
-
-
-def places(tree: Node) -> dict[str, tuple[str, ...]]:
-    """Energies of a model's lines and edges that are free, each with the other parameters of its components.
-
-    >>> places(parse("tbabs*(powerlaw+gauss)*edge"))
-    {'gauss_1.El': ('gauss_1.sigma', 'gauss_1.norm'), 'edge_1.Ec': ('edge_1.tau',)}
-    """
-    found: dict[str, tuple[str, ...]] = {}
-    for leaf in leaves(tree):
-        free = {parameter: source for parameter, source in leaf.bindings if isinstance(source, str)}
-        for parameter, source in free.items():
-            if (leaf.component, parameter) in ENERGIES:
-                beside = [other for other in free.values() if other != source]
-                found[source] = tuple(dict.fromkeys([*found.get(source, ()), *beside]))
-    return found
-
 
 FAINTEST, BRIGHTEST = 1e-3, 10.0
 """A norm reaches from this part of what all the counts need to that multiple of it."""

@@ -16,13 +16,13 @@ from gaugeblock.simulators.library import LibraryEffect
 from gaugeblock.simulators.poisson import PoissonCounts
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.segments import Segment
-from gaugeblock.simulators.xray.default_priors import places
 from gaugeblock.simulators.xray.effects import Assembly, extend
 from gaugeblock.simulators.xray.expression import leaves, of_jaxspec, parameter_names, parse
 from gaugeblock.simulators.xray.folding import forward
 from gaugeblock.simulators.xray.forward import ForwardModel, HeldSpectrum
 from gaugeblock.simulators.xray.integration import INTEGRATIONS
 from gaugeblock.simulators.xray.library import effect_library, not_in_library
+from gaugeblock.simulators.xray.places import places
 from gaugeblock.simulators.xray.response import Response
 from gaugeblock.simulators.xray.tables import is_table, table_file
 from gaugeblock.simulators.xray.xcm import saved
