@@ -251,5 +251,7 @@ def test_what_the_page_says_by_hand_is_counted():
     assert not before["certain"].any()
     assert int((before["p_global"] < nulls.LEVEL).sum()) == 1
     lined = now["model"].values == "tbabs*(powerlaw+gauss)"
-    assert f"In the {lined.sum()} spectra of `tbabs*(powerlaw+gauss)`" in said
+    alone = f"Of the {lined.sum()} spectra of `tbabs*(powerlaw+gauss)` below none has a p below 0.01"
+    assert f"{alone}, and one has a name." in said
     assert not (now["p_global"].values[lined] < nulls.LEVEL).any()
+    assert (now["named"].values[lined] != "").sum() == 1
