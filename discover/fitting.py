@@ -11,22 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.coordinates import EDGE, Coordinates
-from gaugeblock.simulators.protocol import HasJacobian, HasPlaces, poisson_log_likelihood
-
-TINY = 1e-12
-"""Smallest mean that a residual is divided by."""
-
-DIFFERENCES = 64
-"""Fits of no more rows take derivatives as differences of the expected counts: compiling a derivative would
-take longer than all of the fit."""
-
-INWARDS, WIDTH = 1e-6, 1e-5
-"""How far differences go in the `Coordinates`: to one side on the way, which moves the optimum by a
-hundred-thousandth of an error and takes half as long, and to both where a fit ends."""
-
-FAINT = 1e-9
-"""Where a parameter's information is a smaller share of the best-known one's, differences to one side might
-be nothing but curvature, and go to both."""
+from gaugeblock.discovery.derivatives import TINY, both_sides, expected_counts, has_own, inwards, own
+from gaugeblock.discovery.starts import elsewhere, likeliest_draws
+from gaugeblock.simulators.protocol import HasPlaces, poisson_log_likelihood
 
 EARLY, HOPELESS = 20, 10.0
 """After so many steps a start is given up that another of its source leads by so many times what it promises,
@@ -34,9 +21,6 @@ or by so many nats."""
 
 FEW = 64
 """Most sources of which every place is tried anew where something narrow may be."""
-
-BINS = 64
-"""Equally likely ranges of a place, of each of which one start at most is taken."""
 
 BLOCK = 1024
 """Sources fitted side by side: bounds memory."""
@@ -123,14 +107,11 @@ def fit(
 
     found = climbed(starts)
     if start is None and isinstance(simulator, HasPlaces) and len(rows) <= FEW:
-        drawn = np.asarray(simulator.prior.sample(bank, np.random.default_rng(seed)))
-        for place, beside in simulator.places.items():
-            columns = [simulator.prior.names.index(name) for name in (place, *beside)]
-            moved = [
-                _moved(simulator, drawn, columns, theta, counted, seen, tries)
-                for theta, counted, seen in zip(found.theta, rows, scales, strict=True)
-            ]
-            found = _lower(found, climbed(np.stack(moved)))
+        for names in ((place, *beside) for place, beside in simulator.places.items()):
+            starts = elsewhere(
+                simulator, names, rows, scales, theta=found.theta, bank=bank, tries=tries, seed=seed
+            )
+            found = _lower(found, climbed(starts))
     return found
 
 
@@ -149,43 +130,6 @@ def joined(pieces: Sequence[Fit]) -> Fit:
         return np.concatenate([getattr(piece, name) for piece in pieces])
 
     return pieces[0] if len(pieces) == 1 else replace(pieces[0], **{name: join(name) for name in PER_SOURCE})
-
-
-def likeliest_draws(
-    simulator: Any, counts: Array, scale: Array, *, bank: int = 4096, tries: int = 8, seed: int = 0
-) -> Array:
-    """The `tries` likeliest of `bank` draws from the prior for each source, ``(source, try, parameter)``."""
-    theta = simulator.prior.sample(bank, np.random.default_rng(seed))
-    best = np.argsort(-_likelihoods(simulator, theta, counts, scale), axis=1)[:, :tries]
-    return np.asarray(theta[best])
-
-
-def _likelihoods(simulator: Any, theta: Array, counts: Array, scale: Array) -> Array:
-    """Log likelihood ``(source, draw)`` of every theta for every source, up to a constant of the source."""
-    mean = np.maximum(np.asarray(simulator.expected(theta)), TINY)
-    return np.asarray(counts @ np.log(mean).T - scale[:, None] * mean.sum(axis=1))
-
-
-def _moved(
-    simulator: Any,
-    drawn: Array,
-    columns: Sequence[int],
-    theta: Array,
-    counts: Array,
-    scale: float,
-    tries: int,
-) -> Array:
-    """Starts ``(try, parameter)`` of one source: its theta but for the columns, the first of them a place.
-
-    The columns are those of the likeliest draws, of each range of the place one.
-    """
-    beside = np.repeat(theta[None], len(drawn), axis=0)
-    beside[:, columns] = drawn[:, columns]
-    score = _likelihoods(simulator, beside, counts[None], np.array([scale]))[0]
-    ranges = np.argsort(np.argsort(drawn[:, columns[0]])) * BINS // len(drawn)
-    order = np.argsort(-score)
-    first = np.unique(ranges[order], return_index=True)[1]
-    return np.asarray(beside[order[np.sort(first)[:tries]]])
 
 
 def _lower(one: Fit, other: Fit) -> Fit:
@@ -222,7 +166,7 @@ def _best(
             iterations,
             tries,
         )
-    compiled = _compiled(simulator, len(position))
+    ends = own if has_own(simulator, len(position)) else both_sides
     pick = np.arange(sources) * tries + np.argmin(objective.reshape(sources, tries), axis=1)
     position, objective, converged = position[pick], objective[pick], converged[pick]
     theta = coordinates.theta(position)
@@ -230,9 +174,7 @@ def _best(
     return Fit(
         theta,
         expected,
-        _jacobian(simulator, coordinates, position, scale)
-        if compiled
-        else _differences(simulator, coordinates, position, scale),
+        ends(simulator, coordinates, position, scale),
         coordinates.precision,
         poisson_log_likelihood(np.maximum(expected, TINY), counts),
         objective,
@@ -253,16 +195,16 @@ def _climb(
     """Levenberg-Marquardt steps with Fisher's information, every row at its own damping."""
 
     def objective(place: Array, rows: NDArray[np.int64]) -> tuple[Array, Array]:
-        mean = _mean(simulator, coordinates, place, scale[rows])
+        mean = expected_counts(simulator, coordinates, place, scale[rows])
         value = (mean - counts[rows] * np.log(mean)).sum(axis=1)
         return value + 0.5 * (place**2 * coordinates.precision).sum(axis=1), mean
 
     def derivative(rows: NDArray[np.int64]) -> Array:
         if compiled:
-            return _jacobian(simulator, coordinates, position[rows], scale[rows])
-        return _slopes(simulator, coordinates, position[rows], scale[rows], mean[rows], free)
+            return own(simulator, coordinates, position[rows], scale[rows])
+        return inwards(simulator, coordinates, position[rows], scale[rows], mean[rows], free)
 
-    compiled = _compiled(simulator, len(position))
+    compiled = has_own(simulator, len(position))
     position = position.copy()
     active = np.arange(len(position))
     value, mean = objective(position, active)
@@ -331,60 +273,3 @@ def _step(
     pull = np.where(movable, gradient, 0.0)
     step = np.linalg.solve(system + identity * shift[:, None, :], pull[..., None])[..., 0]
     return step, 0.5 * (step * pull).sum(axis=1)
-
-
-def _mean(simulator: Any, coordinates: Coordinates, position: Array, scale: Array) -> Array:
-    """Expected counts ``(source, channel)``, above nothing."""
-    return np.maximum(np.asarray(simulator.expected(coordinates.theta(position))) * scale[:, None], TINY)
-
-
-def _compiled(simulator: Any, rows: int) -> bool:
-    """Whether fits of so many rows take the simulator's own derivative."""
-    return rows > DIFFERENCES and isinstance(simulator, HasJacobian)
-
-
-def _jacobian(simulator: Any, coordinates: Coordinates, position: Array, scale: Array) -> Array:
-    """Derivative of the expected counts by the coordinates, ``(source, channel, parameter)``."""
-    by_theta = np.asarray(simulator.jacobian(coordinates.theta(position)))
-    return by_theta * coordinates.slope(position)[:, None, :] * scale[:, None, None]
-
-
-def _slopes(
-    simulator: Any,
-    coordinates: Coordinates,
-    position: Array,
-    scale: Array,
-    mean: Array,
-    free: NDArray[np.bool_],
-) -> Array:
-    """`_jacobian` by differences from the `mean` at `position`, inwards; 0 for what is not `free`."""
-
-    def beside(to: Array) -> Array:
-        place = position[rows]
-        place[np.arange(len(rows)), columns] = to[rows, columns]
-        return _mean(simulator, coordinates, place, scale[rows])
-
-    inner = position + np.where(coordinates.bounded & (position > 0.5), -INWARDS, INWARDS)
-    rows, columns = np.nonzero(np.broadcast_to(free, position.shape))
-    moved = np.repeat(mean[:, None, :], position.shape[1], axis=1)
-    moved[rows, columns] = beside(inner)
-    jacobian = (moved - mean[:, None, :]) / (inner - position)[..., None]
-    known = (jacobian**2 / mean[:, None, :]).sum(axis=-1)
-    rows, columns = np.nonzero(free & (known < FAINT * known.max(axis=1, keepdims=True)))
-    if len(rows):
-        outer = coordinates.clip(2 * position - inner)
-        size = (inner - outer)[rows, columns, None]
-        jacobian[rows, columns] = (moved[rows, columns] - beside(outer)) / size
-    return np.asarray(jacobian.swapaxes(1, 2))
-
-
-def _differences(simulator: Any, coordinates: Coordinates, position: Array, scale: Array) -> Array:
-    """`_jacobian` by differences to both sides, as far as the bounds let them."""
-    sources, parameters = position.shape
-    moves = np.concatenate([np.eye(parameters), -np.eye(parameters)]) * WIDTH
-    around = coordinates.clip(position[:, None, :] + moves)
-    mean = np.asarray(simulator.expected(coordinates.theta(around).reshape(-1, parameters)))
-    mean = mean.reshape(sources, 2, parameters, -1)
-    size = (around[:, :parameters] - around[:, parameters:]).max(axis=-1)
-    difference = (mean[:, 0] - mean[:, 1]) / size[..., None]
-    return np.asarray(difference.swapaxes(1, 2) * scale[:, None, None])

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.special import xlogy
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.discovery.fitting import TINY
+from gaugeblock.discovery.derivatives import TINY
 
 BEFORE, NAMED, RIVAL, UNNAMED, RANDOM = "before", "named", "rival", "unnamed", "random"
 """Why a model is scored: as it was given, the named one, its rivals, a smooth correction, random shapes."""

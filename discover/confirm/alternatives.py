@@ -8,7 +8,8 @@ import numpy as np
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.coordinates import Coordinates
-from gaugeblock.discovery.fitting import TINY, Fit
+from gaugeblock.discovery.derivatives import TINY
+from gaugeblock.discovery.fitting import Fit
 from gaugeblock.discovery.reshaped import Adapted
 from gaugeblock.simulators.marginals import Normal, Uniform
 

@@ -12,7 +12,8 @@ from scipy.stats import chi2
 from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.confirm.amplitude import STOPPED, risen
 from gaugeblock.discovery.coordinates import Coordinates
-from gaugeblock.discovery.fitting import TINY, Fit, fit
+from gaugeblock.discovery.derivatives import TINY
+from gaugeblock.discovery.fitting import Fit, fit
 from gaugeblock.discovery.name.profiles import firsts
 from gaugeblock.discovery.result import Estimate
 from gaugeblock.simulators.library import LibraryEffect

@@ -19,7 +19,8 @@ from gaugeblock.core.errors import InputError
 from gaugeblock.discovery.confirm.alternatives import draws_about, extended_starts, unpenalised
 from gaugeblock.discovery.confirm.thinning import thin
 from gaugeblock.discovery.coordinates import Coordinates
-from gaugeblock.discovery.fitting import TINY, fit
+from gaugeblock.discovery.derivatives import TINY
+from gaugeblock.discovery.fitting import fit
 from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators.protocol import poisson_log_likelihood
 

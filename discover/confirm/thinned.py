@@ -10,7 +10,8 @@ import numpy as np
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.confirm.thinning import thin
-from gaugeblock.discovery.fitting import TINY, Fit, fit
+from gaugeblock.discovery.derivatives import TINY
+from gaugeblock.discovery.fitting import Fit, fit
 from gaugeblock.discovery.held_out import RANDOM, HeldOut, deviance
 from gaugeblock.discovery.name.unnamed import curves
 from gaugeblock.discovery.reshaped import Reshaped

@@ -15,7 +15,8 @@ from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.streams import Rng
 from gaugeblock.discovery.blocks import Answer, Each, by_response, here
-from gaugeblock.discovery.fitting import TINY, Fit
+from gaugeblock.discovery.derivatives import TINY
+from gaugeblock.discovery.fitting import Fit
 from gaugeblock.discovery.library import Candidate, Candidates
 from gaugeblock.discovery.name.score import allowed, projection
 from gaugeblock.discovery.name.shapes import templates

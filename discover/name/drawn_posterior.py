@@ -10,7 +10,8 @@ from scipy.special import logsumexp
 from scipy.stats import qmc
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.discovery.fitting import TINY, Fit, select
+from gaugeblock.discovery.derivatives import TINY
+from gaugeblock.discovery.fitting import Fit, select
 from gaugeblock.discovery.name.peak_search import peaks, systematic
 from gaugeblock.discovery.name.truncated import TruncatedGaussian
 

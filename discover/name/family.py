@@ -9,7 +9,8 @@ from functools import cached_property
 import numpy as np
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.discovery.fitting import TINY, Fit
+from gaugeblock.discovery.derivatives import TINY
+from gaugeblock.discovery.fitting import Fit
 from gaugeblock.discovery.name.beside import effect_part
 from gaugeblock.discovery.name.profiles import Profile
 from gaugeblock.discovery.name.score import projection

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.discovery.fitting import TINY, Fit
+from gaugeblock.discovery.derivatives import TINY
+from gaugeblock.discovery.fitting import Fit
 from gaugeblock.discovery.name.drawn_posterior import BLOCK, Draws, posterior_draws
 from gaugeblock.discovery.name.population import ITERATIONS, Tilt, fit_population
 from gaugeblock.discovery.name.shared import Shared

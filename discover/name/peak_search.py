@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.coordinates import Coordinates
-from gaugeblock.discovery.fitting import TINY, Fit
+from gaugeblock.discovery.derivatives import TINY
+from gaugeblock.discovery.fitting import Fit
 from gaugeblock.discovery.fitting import fit as fit_sources
 
 WIDTHS = np.array([1.0, 3.0])

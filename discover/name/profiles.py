@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.engine import LIMIT, Extension
-from gaugeblock.discovery.fitting import Fit, fit, likeliest_draws
+from gaugeblock.discovery.fitting import Fit, fit
 from gaugeblock.discovery.library import Candidate
 from gaugeblock.discovery.name.score import ScoreTests, allowed
 from gaugeblock.discovery.name.shapes import Templates, observed_nodes
 from gaugeblock.discovery.sources import Sources
+from gaugeblock.discovery.starts import likeliest_draws
 from gaugeblock.simulators.library import LibraryEffect
 
 TRIES = 3

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.discovery.fitting import TINY, Fit
+from gaugeblock.discovery.derivatives import TINY
+from gaugeblock.discovery.fitting import Fit
 from gaugeblock.discovery.locate.fitted import normal_score
 
 

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.blocks import Answer
-from gaugeblock.discovery.fitting import TINY, Fit, fit
+from gaugeblock.discovery.derivatives import TINY
+from gaugeblock.discovery.fitting import Fit, fit
 from gaugeblock.discovery.sources import Sources
 
 TRIES = 16

@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.coordinates import Coordinates
-from gaugeblock.discovery.fitting import Fit, fit, likeliest_draws, select
+from gaugeblock.discovery.fitting import Fit, fit, select
 from gaugeblock.discovery.library import Candidate, Candidates
 from gaugeblock.discovery.name.score import allowed, scores
+from gaugeblock.discovery.starts import likeliest_draws
 
 TRIES = 2
 """Places at which a rival's fit begins."""

@@ -12,9 +12,10 @@ from scipy import stats
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.extend.adaptive import Mixture, effective_draws
-from gaugeblock.discovery.fitting import fit, likeliest_draws
+from gaugeblock.discovery.fitting import fit
 from gaugeblock.discovery.name.drawn_posterior import POOR, posterior_draws
 from gaugeblock.discovery.name.peak_search import systematic
+from gaugeblock.discovery.starts import likeliest_draws
 from studies.paper.experiments.arithmetic import GAIN_PRIOR_SD
 from studies.paper.experiments.cross_spectra import folded, simulators, weighted_sd, wide
 from studies.paper.experiments.information import LEVELS

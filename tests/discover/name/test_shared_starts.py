@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from gaugeblock.discovery.fitting import fit, likeliest_draws
+from gaugeblock.discovery.fitting import fit
 from gaugeblock.discovery.name.shared_starts import APART, BANK, spread_starts
+from gaugeblock.discovery.starts import likeliest_draws
 from gaugeblock.simulators import Prior, Uniform
 
 CHANNELS = np.linspace(0.0, 1.0, 12)
