@@ -26,8 +26,8 @@ from gaugeblock.core.atomic import made_folder, write_atomically
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.progress import Bars
 from studies.kit.command import carried_out
-from studies.kit.page import fill, table
-from studies.kit.results import RESULTS, clopper_pearson, record
+from studies.kit.page import counted, fill, table
+from studies.kit.results import RESULTS, record
 from studies.kit.resume import Pieces, code_of
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "measured.md"
@@ -147,8 +147,7 @@ def summary(rows: Mapping[str, Mapping[str, Any]]) -> str:
         mine = [row for row in rows.values() if (row["kind"] in CONTROLS) == controls]
         if mine:
             right = sum(row["right"] for row in mine)
-            low, high = clopper_pearson(right, len(mine))
-            said.append(f"{what}: {right} of {len(mine)} right ({low:.2f} to {high:.2f})")
+            said.append(f"{what}: {counted(right, len(mine))} right")
     return "; ".join(said)
 
 

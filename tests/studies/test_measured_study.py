@@ -45,7 +45,7 @@ def test_what_is_right_of_a_case(case, given, right, rejected, beside):
 
 def test_counts_have_exact_limits():
     rows = {str(i): {"kind": "line", "right": i < 6} for i in range(7)}
-    assert summary(rows) == "strong cases: 6 of 7 right (0.42 to 1.00)"
+    assert summary(rows) == "strong cases: 6 of 7 (42% to 100%) right"
     assert "controls and weak cases: 1 of 1" in summary({**rows, "x": {"kind": "weak", "right": True}})
 
 
@@ -70,7 +70,7 @@ def test_a_run_keeps_its_cases_beside_those_of_another_name(tmp_path, monkeypatc
         made = json.loads((tmp_path / f"{name}.json").read_text(encoding="utf-8"))
         assert made["command"] == " ".join(["python -m studies.measured FOLDER", *words])
         assert list(made["cases"]) == ["a_b", "c_d"]
-    assert "strong cases: 1 of 1 right" in capsys.readouterr().out
+    assert "strong cases: 1 of 1 (3% to 100%) right" in capsys.readouterr().out
     assert {name: len(rows) for name, rows in kept(tmp_path).items()} == {"measured": 2, "measured-others": 2}
 
 
