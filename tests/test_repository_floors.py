@@ -67,7 +67,10 @@ INSIDE = {
         ("validators", "judging"),
     ),
     "stranger": (("limits", "wire", "usage", "system_calls", "material"), ("stranger",)),
-    "discovery": (("coordinates", "sources", "library", "fitting", "locate"), ("record", "searches")),
+    "discovery": (
+        ("coordinates", "derivatives", "starts", "sources", "library", "fitting", "locate"),
+        ("record", "searches"),
+    ),
     "diagnosis": (
         ("cases", "repair", "disagreement", "scores", "causes", "library"),
         ("workflow", "diagnosis", "repaired"),
