@@ -104,7 +104,8 @@ TABLES = {"hidden": "spectra", "hidden-catalogues": "catalogues"}
 """Stored tables, and what the page calls them."""
 
 AGAIN = "hidden-today"
-"""The table of the first one's sealed set as it is searched today."""
+SEARCHED = {AGAIN: "today", "hidden-fresh": "fresh"}
+"""Of the first one's sealed set as it is searched today, and of one that was made after all else."""
 
 
 def document(folder: Path, docs: Path) -> None:
@@ -114,12 +115,13 @@ def document(folder: Path, docs: Path) -> None:
         page.fill(docs / PAGE, blocks(table, label))
         figures = {name: partial(make, table) for name, make in FIGURE.items()}
         plots.draw(figures, docs / "figures", prefix=f"hidden-{label}-")
+    for name, table in stored(list(SEARCHED), folder).items():
+        label = SEARCHED[name]
+        sure = {f"{label} reliability": reliability(read(folder / f"{name}.nc", "statements"))}
+        page.fill(docs / PAGE, blocks(table, label) | sure)
     both = stored(["hidden", AGAIN], folder)
     if len(both) == 2:
-        said = blocks(both[AGAIN], "today")
-        said["today paired"] = paired(both["hidden"], both[AGAIN])
-        said["today reliability"] = reliability(read(folder / f"{AGAIN}.nc", "statements"))
-        page.fill(docs / PAGE, said)
+        page.fill(docs / PAGE, {"today paired": paired(both["hidden"], both[AGAIN])})
 
 
 def blocks(table: xr.Dataset, label: str) -> dict[str, str]:
