@@ -23,7 +23,7 @@ NAMES = {
     "discoveries": "discoveries",
     "measured": "measured",
     "planted": "planted.__main__",
-    "nulls": "nulls",
+    "nulls": "nulls.__main__",
     "coincidences": "coincidences",
     "w-bias": "w_bias",
     "shipped": "shipped",

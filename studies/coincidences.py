@@ -26,13 +26,13 @@ from numpy.typing import NDArray
 
 from gaugeblock import discovery, simulators
 from gaugeblock.core.progress import Bars
-from studies import nulls
-from studies.hidden.instrument import Instrument
+from studies.hidden.instrument import Instrument, response
 from studies.kit.command import carried_out, given_folder, of_a_commit, seeded
 from studies.kit.lines import NEAR, size_of
 from studies.kit.page import counted, fill, table
 from studies.kit.results import measured_commit, read, write
 from studies.kit.resume import Pieces, code_of, stream
+from studies.nulls.spectra import Case, instruments, spectrum, written
 
 NAME = "studies coincidences"
 
@@ -69,20 +69,20 @@ def case(
     import gaugeblock as gb
 
     rng = np.random.default_rng(stream(seed, "case", number))
-    known = nulls.instruments(folder)
+    known = instruments(folder)
     name = str(rng.choice(list(known)))
     files = known[name]
     band = [one for one in files.bands if one is not None][-1]
-    tool = nulls.response(files.rmf, files.arf)
+    tool = response(files.rmf, files.arf)
     low, high = band
     energy = float(rng.uniform(low + 0.03 * (high - low), high - 0.03 * (high - low)))
     nats, size = (float(np.exp(rng.uniform(*np.log(ends)))) for ends in (NATS, counts))
     redshift = float(rng.choice([0.0, rng.uniform(0.01, 1.0)]))
-    drawn = nulls.Case(name, "tbabs*powerlaw", band, "by the program", background=False)
+    drawn = Case(name, "tbabs*powerlaw", band, "by the program", background=False)
     line = lambda mean, inside: planted(energy, nats, tool, mean, inside)  # noqa: E731
-    made, began = nulls.spectrum(drawn, size, tool, rng, line=line), time.process_time()
+    made, began = spectrum(drawn, size, tool, rng, line=line), time.process_time()
     with tempfile.TemporaryDirectory() as temporary:
-        paths = nulls.written(made, files, Path(temporary))
+        paths = written(made, files, Path(temporary))
         found = gb.discover(
             paths["pha"], rmf=files.rmf, arf=files.arf, background=("none",), model=drawn.model, band=band,
             redshift=redshift, only=only, seed=number, progress=False,

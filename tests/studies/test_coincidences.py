@@ -8,16 +8,18 @@ import xarray as xr
 from scipy import sparse
 
 pytest.importorskip("jaxspec")
-from studies import coincidences, nulls
+from studies import coincidences
+from studies.hidden.instrument import response
 from studies.kit.results import DOCS, RESULTS, read, write
+from studies.nulls import spectra
 
 pytestmark = pytest.mark.usefixtures("xray_data")
 
 
 @pytest.fixture(scope="module")
 def tool(xray_data):
-    files = nulls.instruments(None)["EPIC-pn"]
-    return nulls.response(files.rmf, files.arf)
+    files = spectra.instruments(None)["EPIC-pn"]
+    return response(files.rmf, files.arf)
 
 
 def test_a_line_wins_as_many_nats_as_were_asked_for_where_it_was_put(tool):
@@ -46,12 +48,12 @@ def test_a_line_falls_between_no_bins(tool, energy):
 
 
 def test_a_spectrum_with_a_line_has_its_counts_besides():
-    drawn = nulls.Case("EPIC-pn", "tbabs*powerlaw", (0.5, 8.0), "none", background=False)
-    files = nulls.instruments(None)["EPIC-pn"]
-    own = nulls.response(files.rmf, files.arf)
+    drawn = spectra.Case("EPIC-pn", "tbabs*powerlaw", (0.5, 8.0), "none", background=False)
+    files = spectra.instruments(None)["EPIC-pn"]
+    own = response(files.rmf, files.arf)
     more = lambda mean, inside: np.where(inside, 1000.0, 0.0)  # noqa: E731
     plain, with_it = (
-        nulls.spectrum(drawn, 2e4, own, np.random.default_rng(2), line=line)["counts"].astype(float)
+        spectra.spectrum(drawn, 2e4, own, np.random.default_rng(2), line=line)["counts"].astype(float)
         for line in (None, more)
     )
     inside = (own.edges[:-1] >= 0.5) & (own.edges[1:] <= 8.0)
@@ -111,7 +113,7 @@ def test_the_page_has_the_committed_table():
 def test_one_case_runs_from_files_to_names():
     """The study, small: one line in a spectrum of a few thousand counts, among lines alone."""
     found = coincidences.case(0, 7, None, counts=(2e3, 3e3), only=("emission_line",))
-    assert found["instrument"] in nulls.instruments(None)
+    assert found["instrument"] in spectra.instruments(None)
     assert 40.0 < found["nats"] < 200.0
     assert 2e3 < found["counts"] < 3e3
     assert 0.3 < found["energy"] < 10.0
