@@ -127,25 +127,26 @@ def test_what_a_poor_try_of_places_makes_worse_stays(bumps):
 def test_climbs_begin_anew_at_the_likeliest_places_that_lie_apart(bumps):
     """What goes with a place is of one draw, the rest the best fit's; a 64th of places has one start."""
     truth, _ = bumps
-    exposure, asked = 3.0, []
+    exposure, asked = np.array([3.0, 0.2]), []
 
     class Heard(Placed):
         def expected(self, theta):
             asked.append(np.array(theta))
             return super().expected(theta)
 
-    counts = np.random.default_rng(7).poisson(exposure * Bumped().expected(truth[:1]))
-    fit(Heard(), counts, scale=[exposure], bank=1024, tries=8, seed=3)
-    second = [k for k, theta in enumerate(asked) if len(theta) == 1024][1]
-    bank, starts = asked[second], asked[second + 1]
+    counts = np.random.default_rng(7).poisson(exposure[:, None] * Bumped().expected(truth[:2]))
+    fit(Heard(), counts, scale=exposure, bank=1024, tries=8, seed=3)
+    _, one, other = (k for k, theta in enumerate(asked) if len(theta) == 1024)
+    begun = asked[other + 1].reshape(2, 8, 4)
     drawn = Bumped.prior.sample(1024, np.random.default_rng(3))
-    np.testing.assert_array_equal(bank[:, 2:], drawn[:, 2:])
-    first = fit(Bumped(), counts, scale=[exposure], bank=1024, tries=8, seed=3).theta[0]
-    np.testing.assert_array_equal(bank[:, :2], np.tile(first[:2], (1024, 1)))
-    likely = poisson_log_likelihood(exposure * Bumped().expected(bank), counts[0])
+    first = fit(Bumped(), counts, scale=exposure, bank=1024, tries=8, seed=3).theta
     parts = np.array_split(np.argsort(drawn[:, 2]), 64)
-    best = sorted((part[np.argmax(likely[part])] for part in parts), key=lambda k: -likely[k])[:8]
-    np.testing.assert_allclose(starts, bank[best], rtol=1e-9)
+    for source, (bank, starts) in enumerate(zip((asked[one], asked[other]), begun, strict=True)):
+        np.testing.assert_array_equal(bank[:, 2:], drawn[:, 2:])
+        np.testing.assert_array_equal(bank[:, :2], np.tile(first[source, :2], (1024, 1)))
+        likely = poisson_log_likelihood(exposure[source] * Bumped().expected(bank), counts[source])
+        best = sorted((part[np.argmax(likely[part])] for part in parts), key=lambda k: -likely[k])[:8]
+        np.testing.assert_allclose(starts, bank[best], rtol=1e-9)
 
 
 def test_places_are_tried_of_few_sources_without_a_start_alone(bumps):
