@@ -51,6 +51,9 @@ from gaugeblock.simulators.protocol import HasWStatistic
 SAME = 1.0
 """Nats within which the same effects in another order are the same fit, and the order tried first stands."""
 
+RANGES = 4
+"""Of every parameter, in each of which the model's fit begins: two components may take each other's place."""
+
 SMOOTH = 8
 """Curves of a segment's free smooth continuum."""
 
@@ -100,7 +103,9 @@ class Counts(Engine):
         self.simulator = sources.simulator
         names = ("look", "quantiles", "held_out", "decoys", "amplitude", "excess")
         self._streams = dict(zip(names, rng.spawn(len(names)), strict=True))
-        self.base = fit(self.simulator, sources.counts, scale=sources.scale, bank=16384, tries=16)
+        self.base = fit(
+            self.simulator, sources.counts, scale=sources.scale, bank=16384, tries=16, ranges=RANGES
+        )
         self.candidates = proposed or Candidates.of(
             self.simulator, self.base.theta, own=own, only=only, energy=energy
         )

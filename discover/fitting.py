@@ -62,6 +62,7 @@ def fit(
     iterations: int = 60,
     bank: int = 4096,
     tries: int = 8,
+    ranges: int = 0,
     seed: int = 0,
 ) -> Fit:
     """Maximise the Poisson likelihood of each row of counts, times the Gaussian part of the prior.
@@ -78,7 +79,8 @@ def fit(
     scale : array, shape (source,), optional
         Exposure of each source in units of the simulator's.
     start : array, shape (source, parameter) or (source, try, parameter), optional
-        Where to begin; without it at the `tries` likeliest of `bank` draws from the prior.
+        Where to begin; without it at the `tries` likeliest of `bank` draws from the prior, and at the
+        likeliest in each of so many `ranges` of every parameter.
     fixed : tuple of str
         Parameters that stay where `start` puts them.
     iterations : int
@@ -90,7 +92,7 @@ def fit(
     scales = np.ones(len(rows)) if scale is None else np.broadcast_to(np.asarray(scale, float), (len(rows),))
     coordinates = Coordinates(simulator.prior)
     if start is None:
-        starts = likeliest_draws(simulator, rows, scales, bank=bank, tries=tries, seed=seed)
+        starts = likeliest_draws(simulator, rows, scales, bank=bank, tries=tries, seed=seed, ranges=ranges)
     else:
         given = np.asarray(start, dtype=float)
         starts = given[:, None] if given.ndim == 2 else given

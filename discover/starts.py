@@ -14,12 +14,27 @@ BINS = 64
 
 
 def likeliest_draws(
-    simulator: Any, counts: Array, scale: Array, *, bank: int = 4096, tries: int = 8, seed: int = 0
+    simulator: Any,
+    counts: Array,
+    scale: Array,
+    *,
+    bank: int = 4096,
+    tries: int = 8,
+    seed: int = 0,
+    ranges: int = 0,
 ) -> Array:
-    """The `tries` likeliest of `bank` draws from the prior for each source, ``(source, try, parameter)``."""
-    theta = simulator.prior.sample(bank, np.random.default_rng(seed))
-    best = np.argsort(-_likelihoods(simulator, theta, counts, scale), axis=1)[:, :tries]
-    return np.asarray(theta[best])
+    """The `tries` likeliest of `bank` draws from the prior for each source, ``(source, try, parameter)``.
+
+    After them come the likeliest of each of so many equally likely `ranges` of every parameter: the likeliest
+    of all may lie in one valley.
+    """
+    theta = np.asarray(simulator.prior.sample(bank, np.random.default_rng(seed)))
+    score = _likelihoods(simulator, theta, counts, scale)
+    chosen = [np.argsort(-score, axis=1)[:, :tries]]
+    for column in theta.T if ranges else ():
+        parts = np.array_split(np.argsort(column), ranges)
+        chosen.append(np.stack([part[np.argmax(score[:, part], axis=1)] for part in parts], axis=1))
+    return theta[np.concatenate(chosen, axis=1)]
 
 
 def elsewhere(

@@ -21,6 +21,51 @@ def test_fits_begin_at_the_likeliest_draws_under_each_exposure(power_law):
         np.testing.assert_array_equal(found[i], drawn[np.argsort(likely)[::-1][:3]])
 
 
+def test_fits_begin_in_every_range_of_every_parameter_too(power_law):
+    """Of equally many draws each, the likeliest, after the likeliest of all; without ranges, not."""
+    simulator, scale = power_law(), np.array([0.5, 2.0, 10.0])
+    counts = np.round(simulator.expected(THETA) * scale[:, None])
+    plain = likeliest_draws(simulator, counts, scale, bank=90, tries=2, seed=4)
+    found = likeliest_draws(simulator, counts, scale, bank=90, tries=2, seed=4, ranges=3)
+    assert found.shape == (3, 2 + 2 * 3, 2)
+    np.testing.assert_array_equal(found[:, :2], plain)
+    drawn = simulator.prior.sample(90, np.random.default_rng(4))
+    for i, later in enumerate(found[:, 2:].reshape(3, 2, 3, 2)):
+        likely = poisson_log_likelihood(scale[i] * simulator.expected(drawn), counts[i])
+        for parameter, starts in enumerate(later):
+            ends = np.quantile(drawn[:, parameter], [1 / 3, 2 / 3])
+            of = np.digitize(drawn[:, parameter], ends)
+            for k in range(3):
+                best = drawn[of == k][np.argmax(likely[of == k])]
+                np.testing.assert_array_equal(starts[k], best)
+
+
+class Either:
+    """Two ways to be tilted: what is right is narrow, what is nearly right is broad, and has most draws."""
+
+    prior = Prior({"norm": LogUniform(100.0, 1e4), "turn": Uniform(-1.0, 1.0)})
+    channel = np.linspace(-1.0, 1.0, 40)
+
+    def expected(self, theta):
+        norm, turn = np.moveaxis(np.asarray(theta, dtype=float)[..., None], -2, 0)
+        narrow, broad = (
+            np.exp(-0.5 * ((turn - at) / width) ** 2) for at, width in ((-0.9, 0.03), (0.5, 0.3))
+        )
+        return norm * (2.0 + (1.0 * narrow + 0.8 * broad) * self.channel)
+
+
+def test_the_narrower_of_two_valleys_is_found():
+    truth = np.array([[3000.0, -0.9]])
+    counts = np.random.default_rng(2).poisson(Either().expected(truth))
+    best = fit(Either(), counts, start=truth).objective[0]
+    lost = [fit(Either(), counts, bank=200, tries=3, seed=k).objective[0] - best for k in range(20)]
+    found = [
+        fit(Either(), counts, bank=200, tries=3, ranges=6, seed=k).objective[0] - best for k in range(20)
+    ]
+    assert sum(gap > 10.0 for gap in lost) >= 10
+    assert sum(gap > 10.0 for gap in found) <= 4
+
+
 class Bumped:
     """A power law over 200 channels and a narrow bump somewhere, which a climb finds only from near by."""
 
