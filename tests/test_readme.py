@@ -150,6 +150,19 @@ def test_headlines_of_measured_spectra():
     assert said(r"# of # \(", wrong) == ("0", said(r"is wrong in any of # searches")[0])
 
 
+def test_false_alarms_where_nothing_is_hidden():
+    rows = {row[0]: row[1:] for row in table("measured.md", "measured nulls")[0]}
+    number, alarms, _, certain = rows["all"]
+    spectra, low, sure = said(
+        "Of # simulated spectra that their model describes, through the responses of seven instruments, "
+        "# have a global p below 0.01, and in # something was certain"
+    )
+    assert spectra.replace(",", "") == number
+    assert (low, sure) == (alarms.split()[0], certain.split()[0])
+    tools = [name for name in rows if name.isupper() or name in ("EPIC-pn", "EPIC-MOS", "ACIS, early")]
+    assert len(tools) == 7
+
+
 def test_the_shared_score():
     """Every row of the README's table is one of the page's, of the gain that was published."""
     rows, _ = table("gain.md", "schemes")
