@@ -18,6 +18,7 @@ from gaugeblock.discovery.confirm.energies import profiled_energies
 from gaugeblock.discovery.confirm.excess import Excess, held_out_excess
 from gaugeblock.discovery.confirm.floated import floated, gain_reach, has_gain, near
 from gaugeblock.discovery.confirm.thinned import ScoredModel, random_shapes, thinned_scores
+from gaugeblock.discovery.derivatives import DIFFERENCES
 from gaugeblock.discovery.engine import Comparison, Engine, Look, Round, Thresholds, afresh, together
 from gaugeblock.discovery.fitting import Fit, fit
 from gaugeblock.discovery.held_out import BEFORE, NAMED, RIVAL, UNNAMED, HeldOut, deviance
@@ -51,8 +52,9 @@ from gaugeblock.simulators.protocol import HasWStatistic
 SAME = 1.0
 """Nats within which the same effects in another order are the same fit, and the order tried first stands."""
 
-RANGES = 4
-"""Of every parameter, in each of which the model's fit begins: two components may take each other's place."""
+TRIES, RANGES = 16, 4
+"""Likeliest draws at which the model's fit begins, and ranges of every parameter in each of which it does:
+two components may take each other's place. Of many parameters fewer, so that no derivative is compiled."""
 
 SMOOTH = 8
 """Curves of a segment's free smooth continuum."""
@@ -103,8 +105,9 @@ class Counts(Engine):
         self.simulator = sources.simulator
         names = ("look", "quantiles", "held_out", "decoys", "amplitude", "excess")
         self._streams = dict(zip(names, rng.spawn(len(names)), strict=True))
+        ranges = min(RANGES, (DIFFERENCES - TRIES) // self.simulator.prior.size)
         self.base = fit(
-            self.simulator, sources.counts, scale=sources.scale, bank=16384, tries=16, ranges=RANGES
+            self.simulator, sources.counts, scale=sources.scale, bank=16384, tries=TRIES, ranges=ranges
         )
         self.candidates = proposed or Candidates.of(
             self.simulator, self.base.theta, own=own, only=only, energy=energy

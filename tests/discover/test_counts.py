@@ -12,7 +12,7 @@ from gaugeblock.core.errors import InputError
 from gaugeblock.discovery import Candidates, Sources, discover_source
 from gaugeblock.discovery.counts import Counts
 from gaugeblock.discovery.engine import Comparison, Round
-from gaugeblock.simulators import Uniform
+from gaugeblock.simulators import Prior, Uniform
 from gaugeblock.simulators.effects import Effect
 from gaugeblock.simulators.library import Known
 
@@ -513,3 +513,25 @@ def test_a_line_is_told_by_its_name_where_that_is_no_chance(power_law):
     )
     assert (unsure.statements[0].effect, unsure.statements[0].certain) == ("line", False)
     assert unsure.statements[0].identification == ()
+
+
+@pytest.mark.parametrize(("also", "ranges"), [(0, 4), (10, 4), (11, 3), (14, 3), (22, 2)])
+def test_the_first_fit_begins_in_every_range_and_compiles_no_derivative(library, power_law, also, ranges):
+    """From the likeliest 16 of 16,384 draws and those of each range: 64 rows at most."""
+    asked = []
+
+    class Many(power_law):
+        def expected(self, theta):
+            asked.append(len(theta))
+            return super().expected(np.asarray(theta)[..., :2])
+
+        def jacobian(self, theta):
+            raise AssertionError("a derivative is asked for")
+
+    nothing = {f"p{i}": Uniform(0.0, 1.0) for i in range(also)}
+    simulator = Many(prior=power_law().prior * Prior(nothing) if also else None)
+    counts = power_law().simulate(THETA[None], np.random.default_rng(3))
+    sources = Sources.of(simulator, counts)
+    Counts(sources, rng=np.random.default_rng(1), replicates=399, proposed=library)
+    assert asked[:2] == [16384, 16 + ranges * (2 + also)]
+    assert asked[1] <= 64

@@ -167,7 +167,7 @@ def test_of_two_components_each_is_fitted_as_what_it_is(tools, tmp_path):
 
     Its black body is of 0.14 keV; the likeliest draws from the prior all had one of 1.5 keV, with one seed.
     """
-    from gaugeblock.discovery.counts import RANGES
+    from gaugeblock.discovery.counts import RANGES, TRIES
     from gaugeblock.discovery.fitting import fit
     from gaugeblock.discovery.held_out import deviance
     from gaugeblock.simulators.xray import read_observation
@@ -186,7 +186,7 @@ def test_of_two_components_each_is_fitted_as_what_it_is(tools, tmp_path):
     )
     before, after = (
         [
-            fit(observed.simulator, observed.counts, bank=16384, tries=16, ranges=ranges, seed=seed)
+            fit(observed.simulator, observed.counts, bank=16384, tries=TRIES, ranges=ranges, seed=seed)
             for seed in range(12)
         ]
         for ranges in (0, RANGES)
