@@ -18,7 +18,7 @@ from studies.hidden.seal import Answer, SealedCase, cases, opened, seal
 from studies.hidden.targets import by_effect, eligible, target, targets
 from studies.hidden.truth import Truth
 from studies.kit.page import filled
-from studies.kit.results import DOCS, RESULTS, read, write
+from studies.kit.results import DOCS, RESULTS, clopper_pearson, read, write
 from studies.kit.statements import Said
 from studies.kit.statements import table as statements_table
 
@@ -300,3 +300,18 @@ def test_what_is_told_of_todays_search_is_in_its_tables():
     assert f"{right[unknown].sum()} of {unknown.sum()} of what it lacks" in text
     assert f"{right[certain].sum()} of {certain.sum()} certain statements hold" in how
     assert f"and {right[~certain].sum()} of {(~certain).sum()} others" in how
+
+
+def test_what_is_printed_held_in_a_set_that_was_made_after():
+    """The seal was there first; of what is certain and of what is not, what was printed lies in the limits."""
+    text = " ".join((DOCS / PAGE).read_text(encoding="utf-8").split())
+    found, said = (read(RESULTS / "hidden-fresh.nc", group) for group in ("", "statements"))
+    sealed = json.loads((RESULTS / "hidden-fresh-seal.json").read_text(encoding="utf-8"))
+    assert json.loads(found.attrs["sealed"]) == sealed
+    assert found.sizes["row"] == sealed["cases"]
+    certain, right = (said[name].values.astype(bool) for name in ("certain", "right"))
+    for of in (certain, ~certain):
+        low, high = clopper_pearson(int(right[of].sum()), int(of.sum()))
+        assert low < said["probability"].values[of].mean() < high
+    counts = [f"{right[of].sum()} of {of.sum()}" for of in (certain, ~certain)]
+    assert "**Both stand**: {} certain statements hold, and {} others.".format(*counts) in text
