@@ -22,8 +22,8 @@ WIDER = math.log(3.0)
 HELD = {True: 0.98, False: 0.84}
 """Share of statements, certain or not, of which one name was right: 602 of 618 (95.8% to 98.5%) and 112 of
 133 (76.9% to 90.0%), of 950 sealed simulations, in 120 of which is what the library lacks, and of measured
-spectra with faults planted in them or none. Of 490 simulations that were sealed after these, 299 of 306 and 55
-of 64."""
+spectra with faults planted in them or none. Of 490 simulations that were sealed after these, 299 of 306 and
+55 of 64."""
 
 
 @dataclass(frozen=True)

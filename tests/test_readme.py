@@ -138,6 +138,10 @@ def test_effects_that_are_named():
     stated, hold, printed = said("Of # statements that are certain # hold, printed at #")
     assert (stated, printed) == (sure["certain"][0], str(float(sure["certain"][1])))
     assert f"{100 * int(hold) / int(stated):.1f}" == said("^#%", sure["certain"][2])[0]
+    later = {row[0]: row[1:] for row in table("hidden-effects.md", "fresh reliability")[0]}["certain"]
+    held, stated, printed = *said("and # of # in a set that was sealed later"), said("printed at #, and")[0]
+    assert (stated, printed) == (later[0], str(float(later[1])))
+    assert f"{100 * int(held) / int(stated):.1f}" == said("^#%", later[2])[0]
 
 
 def test_headlines_of_measured_spectra():

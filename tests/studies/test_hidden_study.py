@@ -303,7 +303,7 @@ def test_what_is_told_of_todays_search_is_in_its_tables():
 
 
 def test_what_is_printed_held_in_a_set_that_was_made_after():
-    """The seal was there first; of what is certain and of what is not, what was printed lies in the limits."""
+    """The seal was there first; of what is certain and what is not, what was printed lies in the limits."""
     text = " ".join((DOCS / PAGE).read_text(encoding="utf-8").split())
     found, said = (read(RESULTS / "hidden-fresh.nc", group) for group in ("", "statements"))
     sealed = json.loads((RESULTS / "hidden-fresh-seal.json").read_text(encoding="utf-8"))
