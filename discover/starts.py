@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.derivatives import TINY
@@ -31,9 +32,8 @@ def likeliest_draws(
     theta = np.asarray(simulator.prior.sample(bank, np.random.default_rng(seed)))
     score = _likelihoods(simulator, theta, counts, scale)
     chosen = [np.argsort(-score, axis=1)[:, :tries]]
-    for column in theta.T if ranges else ():
-        parts = np.array_split(np.argsort(column), ranges)
-        chosen.append(np.stack([part[np.argmax(score[:, part], axis=1)] for part in parts], axis=1))
+    if ranges:
+        chosen += [_likeliest_of_ranges(column, score, ranges) for column in theta.T]
     return theta[np.concatenate(chosen, axis=1)]
 
 
@@ -54,15 +54,20 @@ def elsewhere(
     """
     drawn = np.asarray(simulator.prior.sample(bank, np.random.default_rng(seed)))
     columns = [simulator.prior.names.index(name) for name in names]
-    ranges = np.argsort(np.argsort(drawn[:, columns[0]])) * BINS // len(drawn)
     starts = []
     for row in range(len(theta)):
         beside = np.repeat(theta[row : row + 1], len(drawn), axis=0)
         beside[:, columns] = drawn[:, columns]
-        order = np.argsort(-_likelihoods(simulator, beside, counts[row : row + 1], scale[row : row + 1])[0])
-        first = np.unique(ranges[order], return_index=True)[1]
-        starts.append(beside[order[np.sort(first)[:tries]]])
+        score = _likelihoods(simulator, beside, counts[row : row + 1], scale[row : row + 1])
+        (found,) = _likeliest_of_ranges(drawn[:, columns[0]], score, min(BINS, bank))
+        starts.append(beside[found[np.argsort(-score[0, found])[:tries]]])
     return np.stack(starts)
+
+
+def _likeliest_of_ranges(values: Array, score: Array, ranges: int) -> NDArray[np.int64]:
+    """The likeliest draw in each of so many equally likely ranges of its `values`, ``(source, range)``."""
+    parts = np.array_split(np.argsort(values), ranges)
+    return np.stack([part[np.argmax(score[:, part], axis=1)] for part in parts], axis=1)
 
 
 def _likelihoods(simulator: Any, theta: Array, counts: Array, scale: Array) -> Array:
