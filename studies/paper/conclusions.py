@@ -158,14 +158,11 @@ def _missed(of: Found) -> Row:
 
 
 def _nicer(of: Found) -> Row:
-    lent = [entry for entry in of.families if entry.lent]
-    if not lent:
-        raise KeyError("nicer")
+    agree, differ = (of.among("grid.nicer.", verdict) for verdict in (Agreement.AGREES, Agreement.DIFFERS))
+    lines = ", ".join(of.both(f"det.nicer.B1.{level}") for level in ("faint", "medium", "bright"))
     return "NICER shows the same", (
-        "**Not judged**: its networks are not all made. Of cells by our flows, on another response file, "
-        f"{sum(entry.misses for entry in lent)} of {sum(entry.cells for entry in lent)} lie outside; spectra "
-        f"make {sum(entry.bare for entry in lent):.0f}, with networks that scatter as EPIC-pn's "
-        f"{sum(entry.expected for entry in lent):.0f}."
+        f"By its recipe, on another response file: {agree} of {of.among('grid.nicer.')} cells agree, "
+        f"{differ or 'none'} differ; AUCs of the line {lines}."
     )
 
 

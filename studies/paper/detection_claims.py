@@ -10,7 +10,7 @@ import numpy as np
 from gaugeblock.core.arrays import Array
 from studies.paper.grid_populations import FAMILIES, LEVELS
 from studies.paper.numbers import Numbers
-from studies.paper.registry import DETECTORS
+from studies.paper.registry import DETECTORS, claims
 
 Values = dict[str, dict[str, Array]]
 """Numbers ``(...)`` by claim and part."""
@@ -77,17 +77,24 @@ def on_epic_pn(auc: Array) -> Values:
     return found
 
 
-def on_nicer(auc: Array, epic_pn: Array, named: frozenset[str]) -> Values:
-    """What it says of NICER, beside EPIC-pn by flows of the same kind; cells as far as they are `named`."""
+LINE_ON_EPIC_PN = {
+    "det.nicer.B1.bright": "grid.pn.bright.B1.0.0003.D1",
+    "det.nicer.B1.medium": "grid.pn.medium.B1.0.0003.D1",
+    "det.nicer.B1.faint": "tab1.best.faint.B1",
+}
+"""What is said of the line on NICER, and the claim that is the same on EPIC-pn."""
+
+
+def on_nicer(auc: Array) -> Values:
+    """What it says of NICER, as far as it is of NICER alone; of cells those that are published."""
+    named = claims()
     found = {name: parts for name, parts in of_cells(auc, "nicer").items() if name in named}
-    line, other = (grid[..., FAMILIES.index("B1"), :, :] for grid in (auc, epic_pn))
-    for name, best in (("bright", False), ("medium", False), ("faint", True)):
-        level = LEVELS.index(name)
-        value, beside = (
-            own[..., level, :, :2].max(axis=(-2, -1)) if best else own[..., level, -1, 0]
-            for own in (line, other)
-        )
-        found[f"det.nicer.B1.{name}"] = {"value": value, "EPIC-pn": beside}
+    line = auc[..., FAMILIES.index("B1"), :, :]
+    for name in LINE_ON_EPIC_PN:
+        level = LEVELS.index(name.rpartition(".")[2])
+        best = level == LEVELS.index("faint")
+        value = line[..., level, :, :2].max(axis=(-2, -1)) if best else line[..., level, -1, 0]
+        found[name] = {"value": value}
     found["det.B4.nicer36"] = of_null(auc)
     return found
 

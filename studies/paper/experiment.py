@@ -14,8 +14,9 @@ import xarray as xr
 
 from studies.kit.results import read, record
 from studies.kit.resume import Pieces, Progress
+from studies.paper.claim import SINGLE
 from studies.paper.measurement import Measured, Untestable
-from studies.paper.numbers import TRAINING, together
+from studies.paper.numbers import TRAINING, by_claim, together
 
 Found = Mapping[str, Measured | Untestable]
 SHIPPED = "shipped:"
@@ -127,6 +128,19 @@ def committed(name: str) -> xr.Dataset | None:
     """The result of an experiment that is committed, if there is one."""
     path = Path(__file__).parent / "results" / f"{name}.nc"
     return read(path) if path.is_file() else None
+
+
+def with_ours(notes: Mapping[str, str], name: str) -> dict[str, str]:
+    """Notes by claim, and beside them what flows of our own give, by a committed experiment of theirs."""
+    from studies.paper.registry import claims
+
+    table = committed(name)
+    found = dict(notes)
+    for claim, parts in (by_claim(table) if table is not None else {}).items():
+        told = {part: f"{parts[part]:.4g}" for part in claims()[claim].needs if part in parts}
+        said = ", ".join(text if part == SINGLE[0] else f"{part} {text}" for part, text in told.items())
+        found[claim] = "; ".join(filter(None, (notes.get(claim, ""), f"flows of our own give {said}")))
+    return found
 
 
 def weights_of(flow: str) -> str:

@@ -21,7 +21,7 @@ from studies.paper.claim import SINGLE, Claim
 from studies.paper.judge import Judgement, Seen, seen_of
 from studies.paper.measurement import Measured
 from studies.paper.registry import CLEAN, SUSPICIOUS, claims
-from studies.paper.trainings import by_training, on_epic_pn
+from studies.paper.trainings import by_training
 
 FAMILIES = 2_000
 """Drawn to know how many misses there may be."""
@@ -39,7 +39,6 @@ class Family:
 
     As many as `bare` are expected by spectra alone, did networks not scatter.
     `p` is the probability of so many or more, `adjusted` the same for all families together (Holm 1979).
-    `lent`: its networks were not trained again, and are taken to scatter as those of EPIC-pn.
     """
 
     name: str
@@ -50,7 +49,6 @@ class Family:
     bare: float
     most: int
     p: float
-    lent: bool = False
     adjusted: float = 1.0
 
 
@@ -104,7 +102,6 @@ def _family(name: str, items: list[Judgement], seed: int) -> Family:
         bare=float(bare.mean()),
         most=int(np.quantile(numbers, 0.95)),
         p=among(numbers, misses),
-        lent=any(one.lent for one in seen),
     )
 
 
@@ -125,13 +122,9 @@ def of_trainings(cells: tuple[Claim, ...], seen: list[Seen], rng: np.random.Gene
 
 
 def _residuals(cell: Claim) -> Array:
-    """A cell's AUCs by training less their mean ``(training,)``, their squares adding up to one.
-
-    Of the same cell on EPIC-pn, where a response has one training alone.
-    """
+    """A cell's AUCs by training less their mean ``(training,)``, their squares adding up to one."""
     values = by_training(cell)
-    values = by_training(on_epic_pn(cell)) if values is None else values
-    assert values is not None  # of the study's network on EPIC-pn
+    assert values is not None  # of the grid, whose networks are trained several times
     apart = values - values.mean()
     return np.asarray(apart / np.sqrt((apart**2).sum()))
 

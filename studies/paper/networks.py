@@ -12,7 +12,6 @@ OF_ONE_TRAINING = ("-uncapped", "-cut")
 """Where the bright training was stopped: no trainings of their own."""
 
 CASES: Mapping[str, tuple[str, Callable[[Variant], bool]]] = {
-    "nicer": ("the study's on NICER", lambda variant: variant.response == "nicer"),
     "gain": ("the study's with a free gain", lambda variant: variant.gain),
 }
 WORDS = {

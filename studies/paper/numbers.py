@@ -62,18 +62,24 @@ def together(tables: Mapping[str, xr.Dataset]) -> xr.Dataset:
         number=("row", trained.mean(axis=0)),
         standard_error=("row", np.sqrt((errors**2).mean(axis=0))),
         trained=((TRAINING, "row"), trained),
-    ).assign_coords({TRAINING: [name or "first" for name in tables]})
+    ).assign_coords({TRAINING: [_named(name) for name in tables]})
 
 
-def alone(table: xr.Dataset) -> xr.Dataset:
-    """The table of the first training alone, of one that may be of several.
+def alone(table: xr.Dataset, training: str = "") -> xr.Dataset:
+    """The table of one training alone, of one that may be of several; the first if none is named.
 
-    >>> by_claim(alone(together({"": as_table({"a": 1.0}), "-again": as_table({"a": 2.0})})))
-    {'a': {'value': 1.0}}
+    >>> both = together({"": as_table({"a": 1.0}), "-again": as_table({"a": 2.0})})
+    >>> by_claim(alone(both)), by_claim(alone(both, "-again"))
+    ({'a': {'value': 1.0}}, {'a': {'value': 2.0}})
     """
     if "trained" not in table:
         return table
-    return table.assign(number=table["trained"].isel({TRAINING: 0})).drop_dims(TRAINING)
+    return table.assign(number=table["trained"].sel({TRAINING: _named(training)})).drop_dims(TRAINING)
+
+
+def _named(training: str) -> str:
+    """A training as the dimension of all has it."""
+    return training or "first"
 
 
 def by_claim(table: xr.Dataset, name: str = "number") -> dict[str, dict[str, float]]:
@@ -91,17 +97,22 @@ def measurements(
     table: xr.Dataset,
     notes: Mapping[str, str],
     because: Mapping[str, str] = MappingProxyType({}),
+    *,
+    of_one: tuple[str, ...] = (),
     **said: Any,
 ) -> dict[str, Measured]:
     """What the table measures of every claim, with what is said beside it and what explains a difference.
 
     In the texts, which are by claim, ``{PART}`` stands for a part of the claim, ``{PART error}`` for its
-    standard error, and what is `said` of all of them for itself.
+    standard error, and what is `said` of all of them for itself. Claims whose ids begin as `of_one` says are
+    each about one network, and so are ours: the first training's.
     """
-    numbers, errors = by_claim(table), by_claim(table, "standard_error")
-    trainings = table.sizes.get(TRAINING, 1)
+    numbers, first, errors = by_claim(table), by_claim(alone(table)), by_claim(table, "standard_error")
     found = {}
-    for claim, parts in numbers.items():
+    for claim in numbers:
+        single = claim.startswith(of_one)
+        parts = (first if single else numbers)[claim]
+        trainings = 1 if single else table.sizes.get(TRAINING, 1)
         filled = said | parts | {f"{part} error": error for part, error in errors[claim].items()}
         note, reason = (texts.get(claim, "").format_map(filled) for texts in (notes, because))
         found[claim] = Measured(parts, errors[claim], note=note, because=reason, trainings=trainings)

@@ -160,9 +160,7 @@ AUC as published, then ours, then the smallest difference that would be called. 
 `grid.{response}.LEVEL.FAMILY.STRENGTH.DETECTOR`. A cell of the gain (B4) must lie in 0.42 to 0.58: there the
 last number, after a plus sign, is the smallest excess over these bounds. Any other must lie within 2√2 of its
 published standard errors. **Bold** ones differ, *slanted* ones agree, the others are undecided; † is what
-the first judge called a difference{transfer}."""
-OTHERS = """. By flows of our own: what would be called is as if networks scattered here as those on
-EPIC-pn do"""
+the first judge called a difference."""
 
 
 def grid_table(members: Sequence[Judgement]) -> str:
@@ -173,10 +171,7 @@ def grid_table(members: Sequence[Judgement]) -> str:
         cells.setdefault((level, family, ".".join(strength)), {})[detector] = item
     header = ["level", "family", "strength", *DETECTORS]
     rows = [[*place, *(_cell(found.get(name)) for name in DETECTORS)] for place, found in cells.items()]
-    said = EXPLAINED.format(
-        response=members[0].claim.id.split(".")[1],
-        transfer=OTHERS if members[0].claim.transfer else "",
-    )
+    said = EXPLAINED.format(response=members[0].claim.id.split(".")[1])
     return said + "\n\n" + table_of(header, rows)
 
 

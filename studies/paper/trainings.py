@@ -20,9 +20,6 @@ from studies.paper.experiment import committed
 from studies.paper.moderated import Prior, prior_of
 from studies.paper.numbers import by_claim
 
-NICER = "grid.nicer."
-"""How cells begin whose networks are not trained again."""
-
 STOPPED = ("tab2.reseed101", "tab2.reseed202", "tab2.reseed303", "tab2.uncapped")
 """Bright trainings beside the published one, each another network."""
 
@@ -77,29 +74,13 @@ def scatter(claim: Claim, part: str, less: str = "", *, error: float = np.nan) -
     if prior is None:
         return Scatter(sd=np.nan, df=np.nan)
     if rows is None:
-        return _lent(claim, part, prior, error)
+        return Scatter(sd=error * np.sqrt(prior.scale), df=min(prior.df, prior.most))
     values, unit = rows
     trainings = values.shape[1]
     own = len(values) * (trainings - 1.0)
     variance = prior.squeezed(float(values.var(axis=1, ddof=1).mean()) / unit**2, own)
     total = min(prior.df + own, max(prior.most, own))
     return Scatter(sd=float(unit * np.sqrt(variance)), df=total, own=own, trainings=trainings)
-
-
-def _lent(claim: Claim, part: str, prior: Prior, error: float) -> Scatter:
-    """What a claim without a second training is lent: of the same cell on EPIC-pn, or else of its kind."""
-    if not claim.id.startswith(NICER):
-        return Scatter(sd=error * np.sqrt(prior.scale), df=min(prior.df, prior.most))
-    other = on_epic_pn(claim)
-    known = scatter(other, part)
-    return Scatter(sd=known.sd * claim.error[part] / other.error[part], df=known.df)
-
-
-def on_epic_pn(cell: Claim) -> Claim:
-    """The same cell of the grid on EPIC-pn."""
-    from studies.paper.registry import claims
-
-    return claims()[cell.id.replace(NICER, "grid.pn.")]
 
 
 @cache

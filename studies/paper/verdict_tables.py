@@ -23,7 +23,7 @@ from studies.paper.judge import Agreement, Judgement, Seen
 from studies.paper.networks import made, planned
 from studies.paper.numbers import by_claim
 from studies.paper.paper_flow.shipped import record_of
-from studies.paper.paper_flow.variants import TRAININGS
+from studies.paper.paper_flow.variants import ON_NICER, TRAININGS
 from studies.paper.registry import claims
 from studies.paper.trainings import by_training, scatter
 
@@ -37,15 +37,15 @@ JUDGED = """\
   under ROC curves or of other numbers, are taken as drawn from one scaled inverse chi-square (moderated t,
   Smyth 2004). Its intervals miss 10 in 100 for areas and up to 12 for other numbers, by simulation. An
   error that trainings make in part has degrees of freedom accordingly (Satterthwaite 1946).
-- The study's network on EPIC-pn is trained {trainings} times at every level, each tested on the same
-  spectra. Where the spectra are the study's own their noise is in both numbers and left out, but for claims
-  of a truth of 1/2. Where a rule speaks of a network that we do not have, nothing is decided.
+- The study's network is trained {trainings} times at every level on EPIC-pn and {nicer} times on NICER, each
+  tested on the same spectra. Where the spectra are the study's own their noise is in both numbers and left
+  out, but for claims of a truth of 1/2. Where a rule speaks of a network that we do not have, nothing is
+  decided.
 - *judged* claims have a measurement of their own; *repeated* ones are another claim's in other words;
   *recomputed* ones follow from published numbers or copied settings and can hardly fail; of *reported* ones
   nothing was said that must hold. Only judged claims count.
 - *could call* is the least difference from the published number, or the least excess over a bound, that
-  would have been called; where no second training is kept, if networks scatter there as others of the kind,
-  and on NICER as in the same cell on EPIC-pn.
+  would have been called; where no second training is kept, if networks scatter there as others of the kind.
 - *before* are the verdicts of the two judges before: the first counted what it could not reject, the second
   is the one that the last changes below replaced.
 - Rules, margins, seeds and trainings are in `studies/paper/fixed.json`, its sha256 beside it. Margins were
@@ -58,9 +58,8 @@ TOGETHER = """\
 A margin has an error rate of its own. Cells of one response and level are taken together {number:,} times:
 what the kept trainings give, all cells at once, is drawn again with random sizes, and normal scores in
 place of the spectra, of which single scores are not kept: a detector's cells share their clean ones, those
-of several detectors none. Cells of the study's own spectra (*paired*) have no noise of spectra. NICER's
-networks are not trained again: its families take residuals and scatter of the same cells on EPIC-pn, and
-are of flows of our own. A family with an adjusted p (Holm) below {bar:g} is a finding of its own."""
+of several detectors none. Cells of the study's own spectra (*paired*) have no noise of spectra. A family
+with an adjusted p (Holm) below {bar:g} is a finding of its own."""
 
 
 def below(
@@ -71,7 +70,7 @@ def below(
     needs = Counter(item.settles.partition(":")[0] for item in judged if item.settles)
     return [
         "## How it is judged",
-        JUDGED.format(trainings=len(TRAININGS)),
+        JUDGED.format(trainings=len(TRAININGS), nicer=len(ON_NICER)),
         "## How many",
         _summary(judgements, lambda item: item.claim.counted.value, "class"),
         _summary(judged, lambda item: item.claim.kind.value, "kind, judged claims alone"),
@@ -330,7 +329,7 @@ def _families(families: Sequence[Family]) -> str:
         return "No cell is measured yet."
     rows = [
         (
-            f"{f.name}, scatter lent" if f.lent else f.name,
+            f.name,
             str(f.cells),
             str(f.paired),
             str(f.misses),

@@ -27,7 +27,10 @@ EXPERIMENTS = (
 )
 """Names of files here; each has `EXPERIMENT`."""
 
-PAST = ("evidence_pairs", "residuals", "outputs", "learning_curve", "go_no_go", "gain_ours")
+PAST = (
+    *("evidence_pairs", "residuals", "outputs", "learning_curve", "go_no_go"),
+    *("gain_ours", "detection_ours", "calibration_ours"),
+)
 """Those that measure what the study did not: no claim needs them."""
 
 

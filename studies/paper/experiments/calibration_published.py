@@ -52,7 +52,7 @@ ROW = "{epochs:.0f} epochs, smallest p {smallest p:.2g}, {failures:.0f} of 5 bel
 def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
     """Ranks, coverage and recovery of five networks."""
     names = (*LEVELS, UNCAPPED, CUT)
-    flows = (*(name + sizes[TRAINING] for name in LEVELS), UNCAPPED, CUT)
+    flows = [f"epic-pn-{name}" for name in (*(name + sizes[TRAINING] for name in LEVELS), UNCAPPED, CUT)]
 
     def piece(index: int, rng: np.random.Generator) -> Arrays:
         ranks = sizes["ranks"] // (1 if names[index] in LEVELS else 2)
@@ -72,13 +72,10 @@ def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
 def flow_piece(
     name: str, sizes: Mapping[str, Any], rng: np.random.Generator, *, spectra: int = SEED
 ) -> Arrays:
-    """What `measure` gives for a training of the published network on EPIC-pn, by its name without that.
-
-    `spectra` is the seed of those it is tested on.
-    """
+    """What `measure` gives for a training of the published network; `spectra` seeds those it is tested on."""
     from gaugeblock.simulators.xray import reference
 
-    flow, variant = paper_flow(f"epic-pn-{name}"), VARIANTS[f"epic-pn-{name}"]
+    flow, variant = paper_flow(name), VARIANTS[name]
     numbers = (sizes["ranks"], sizes["coverage"], sizes["recovery"])
     simulator = reference(variant.response, variant.level)
     return measure(flow, simulator, seed=spectra, sizes=numbers, draws=sizes["draws"], rng=rng)
@@ -158,7 +155,7 @@ def measured(table: xr.Dataset) -> Found:
 
     P-values of ranks and rows of table 2 are of one network each, and so are ours: the first training's.
     """
-    first, numbers = alone(table), by_claim(alone(table))
+    numbers = by_claim(alone(table))
     capped = _because(numbers["tab2.production"], numbers["cal.loss.pn.bright"])
     notes = {claim: ROW for claim, parts in numbers.items() if "failures" in parts}
     because = {
@@ -169,9 +166,7 @@ def measured(table: xr.Dataset) -> Found:
     }
     why = "nothing is claimed to hold of p-values of another training"
     p_values = {"cal.PLnorm.p": Untestable(why, numbers["cal.PLnorm.p"])}
-    found = measurements(table, notes, because)
-    single = measurements(first, notes, because)
-    found |= {claim: single[claim] for claim in found if claim.startswith(OF_ONE)}
+    found = measurements(table, notes, because, of_one=OF_ONE)
     losses = found["cal.loss.pn.bright"]
     parts, errors = losses.parts, losses.errors
     gap = {"gap": parts["validation"] - parts["training"]}

@@ -36,9 +36,10 @@ def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
     def piece(index: int, rng: np.random.Generator) -> Arrays:
         # The study gave its reseeded trainings test spectra of their own, and all but the first half as many.
         name = names[index]
-        spectra = VARIANTS[f"epic-pn-{name}"].data_seed if name in SEEDS else SEED
+        flow = f"epic-pn-{name}"
+        spectra = VARIANTS[flow].data_seed if name in SEEDS else SEED
         ranks = sizes["ranks"] // (1 if name == "bright" else 2)
-        return flow_piece(name, {**sizes, "ranks": ranks}, rng, spectra=spectra)
+        return flow_piece(flow, {**sizes, "ranks": ranks}, rng, spectra=spectra)
 
     parts = pieces.each("flow", len(names), piece, seed)
     spot = pieces.each("spot", len(SPOT), lambda i, rng: _spot(i, sizes["spot"], rng), seed)

@@ -21,13 +21,15 @@ from studies.paper.detection_claims import CLEAN_SCORES, cells, estimates, on_ep
 from studies.paper.detection_grid import as_dataset, clean_of, levels_of, misplaced, scored
 from studies.paper.detection_level import SHIFT, STRENGTHS, DetectionLevel
 from studies.paper.detectors import DRAWS
-from studies.paper.experiment import FIRST, Experiment, Found, Setting
+from studies.paper.experiment import FIRST, Experiment, Found, Setting, with_ours
 from studies.paper.grid_populations import FAMILIES, LEVELS, is_kept
 from studies.paper.numbers import TRAINING, as_table, by_claim, measurements
 from studies.paper.paper_flow import TRAININGS
 from studies.paper.registry import DETECTORS, SUSPICIOUS, claims
 
 RESPONSE = "epic-pn"
+OURS = "detection_ours"
+"""The experiment that has the same numbers, of both responses, by our own flows."""
 
 FAR = "grid.pn.medium.B1.5e-06.D3"
 """The published cell that is furthest from 1/2 where there is nothing to see, of spectra without a seed."""
@@ -45,13 +47,7 @@ TWIN = {"clean": 20, "suspicious": 10, "reference": 50, "draws": 40, "again": 2,
 
 def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
     """AUCs of all cells and the claims about them, and how large the best of eight is by chance."""
-
-    def flow_of(level: str) -> Any:
-        from studies.paper.paper_flow import paper_flow
-
-        return paper_flow(f"{RESPONSE}-{level}{sizes[TRAINING]}")
-
-    levels = levels_of(RESPONSE, flow_of, sizes)
+    levels = trained_levels(RESPONSE, sizes)
     grid = scored(RESPONSE, levels, pieces, seed)
     rng = np.random.default_rng(stream(seed, "detection", "replicates"))
     replicates = grid.replicates(rng)
@@ -68,6 +64,17 @@ def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
     return table.merge(moved).assign(far=("drawn", _far(levels, sizes["redrawn"], pieces, seed)))
 
 
+def trained_levels(response: str, sizes: Mapping[str, Any]) -> dict[str, DetectionLevel]:
+    """Levels of a response with the study's network there, of the training that `sizes` name."""
+
+    def flow_of(level: str) -> Any:
+        from studies.paper.paper_flow import paper_flow
+
+        return paper_flow(f"{response}-{level}{sizes[TRAINING]}")
+
+    return levels_of(response, flow_of, sizes)
+
+
 def _far(levels: Mapping[str, DetectionLevel], number: int, pieces: Pieces, seed: int) -> NDArray[np.float64]:
     """AUCs of D3 for other draws of the cell `FAR`, against the study's clean spectra."""
     _, (name, family, step, _) = next(entry for entry in cells(RESPONSE) if entry[0] == FAR)
@@ -79,11 +86,14 @@ def _far(levels: Mapping[str, DetectionLevel], number: int, pieces: Pieces, seed
 
 
 def measured(table: xr.Dataset) -> Found:
-    """Cell by cell, then what is said of many; beside D2 and D3 what other draws of a cell give."""
+    """Cell by cell, then what is said of many.
+
+    Beside them what other draws of a cell give by D2 and D3, and what flows of our own do.
+    """
     found = by_claim(table)
     notes = _of_cells(table) | _of_best(table, found)
-    because = _by_its_embedding(table) | _by_another_flow(table, found) | {FAR: _why_far(table)}
-    return measurements(table, notes, because)
+    because = by_its_embedding(table, RESPONSE) | _by_another_flow(table, found) | {FAR: _why_far(table)}
+    return measurements(table, with_ours(notes, OURS), because)
 
 
 def _why_far(table: xr.Dataset) -> str:
@@ -95,10 +105,12 @@ def _why_far(table: xr.Dataset) -> str:
     )
 
 
-def _by_its_embedding(table: xr.Dataset) -> dict[str, str]:
+def by_its_embedding(table: xr.Dataset, response: str) -> dict[str, str]:
     """Cells of D2 and D3 where this flow gives something else on other spectra too."""
-    here, every, because = table.sel(response=RESPONSE), claims(), {}
-    for claim, place in cells(RESPONSE):
+    here, every, because = table.sel(response=response), claims(), {}
+    for claim, place in cells(response):
+        if claim not in every:
+            continue
         mean, spread = float(here["again"].values[place]), float(here["again_sd"].values[place])
         published, error = every[claim].parts[SINGLE[0]], every[claim].error[SINGLE[0]]
         if abs(mean - published) > 2.0 * np.hypot(spread, error):  # never of D1, which has none
@@ -107,7 +119,7 @@ def _by_its_embedding(table: xr.Dataset) -> dict[str, str]:
                 f"of the flow's embedding: other spectra of the cell give {mean:.3f} ± {spread:.3f} by ours"
             )
             because[claim] = said
-            if step == STRENGTHS - 1:
+            if step == STRENGTHS - 1 and response == RESPONSE:
                 because[f"tab4.{DETECTORS[detector]}.{FAMILIES[family]}.{LEVELS[level]}"] = said
     return because
 

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
 from studies.kit.resume import Arrays
-from studies.paper.experiment import Found, committed
+from studies.paper.experiment import Found, with_ours
 from studies.paper.experiments.gain_pairs import ALPHA, GAIN_RANGE, KINDS, MEMBERS
-from studies.paper.numbers import Numbers, Parts, by_claim, mean_of, measurements
+from studies.paper.numbers import Numbers, Parts, mean_of, measurements
 
 Both = tuple[float, float]
 
@@ -190,18 +190,4 @@ NOTES = {
 
 def measured(table: xr.Dataset) -> Found:
     """Every claim's measurement; beside it what flows of our own give on the same pairs."""
-    ours = committed(OURS)
-    beside = by_claim(ours) if ours is not None else {}
-    notes = {}
-    for claim in by_claim(table):
-        said = [NOTES[claim]] if claim in NOTES else []
-        if claim in beside:
-            said.append(f"flows of our own give {_main(beside[claim])}")
-        notes[claim] = "; ".join(said)
-    return measurements(table, notes)
-
-
-def _main(parts: Mapping[str, float]) -> str:
-    if "value" in parts:
-        return f"{parts['value']:.4g}"
-    return f"{parts['least']:.3g} to {parts['most']:.3g}"
+    return measurements(table, with_ours(NOTES, OURS))

@@ -61,6 +61,9 @@ TRAININGS = ("", *(f"-seed{seed}" for seed in MADE))
 WITH_GAIN = TRAININGS[:3]
 """Those that are made with a free gain too."""
 
+ON_NICER = ("", *(f"-seed{seed}" for seed in FEWER))
+"""Those on NICER."""
+
 
 def _variants() -> dict[str, Variant]:
     found = {}

@@ -12,19 +12,22 @@ from studies.paper.experiments import EXPERIMENTS, PAST, load
 
 GRID = {"clean": 8, "suspicious": 8, "reference": 16, "draws": 20, "again": 2}
 PAIRS = {"pairs": 6, "draws": 30, "exact": 2, "curve": 6}
+RANKS = {"ranks": 20, "coverage": 20, "draws": 50}
 SMALL = {
     "information": {"spectra": 20, "invariance": 8},
     "posteriors": {"line": 3, "draws": 100},
     "line_bias": {"line": 10, "draws": 20},
     "evidence": {"draws": 100},
     "nested": {"live": 40},
-    # Of the same sizes, so that EPIC-pn is compiled once for both.
+    # Of the same sizes, so that each response is compiled once for both.
     "detection": GRID,
     "detection_nicer": GRID,
+    "detection_ours": GRID,
     "importance": {"clean": 4, "suspicious": 4, "draws": 60, "few": 40, "others": 2},
     "calibration_published": {"ranks": 20, "coverage": 20, "recovery": 10, "draws": 50},
     "calibration_retrained": {"ranks": 20, "coverage": 20, "spot": 4, "draws": 50},
-    "calibration_nicer": {"ranks": 20, "coverage": 20, "draws": 50},
+    "calibration_nicer": RANKS,
+    "calibration_ours": RANKS,
     "conformal": {"calibration": 40, "test": 40, "draws": 50},
     "gain_marginalised": PAIRS,
     "gain_ours": PAIRS,

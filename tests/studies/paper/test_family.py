@@ -67,12 +67,12 @@ def test_replications_with_thrice_the_scatter_are_found(cells, seen):
     assert all(entry.adjusted >= entry.p for entry in found)
 
 
-def test_families_are_of_a_response_and_level_nicer_with_a_scatter_that_is_lent(cells):
+def test_families_are_of_a_response_and_level(cells):
     others = [claim for claim in claims().values() if claim.id.startswith("grid.nicer.")]
     found = families([judge(cell, Measured(cell.value, 0.03)) for cell in cells + others])
-    assert [(entry.name, entry.cells, entry.paired, entry.lent) for entry in found] == [
-        ("pn faint", 48, 0, False), ("pn medium", 48, 27, False), ("pn bright", 48, 36, False),
-        ("nicer faint", 45, 0, True), ("nicer medium", 36, 0, True), ("nicer bright", 36, 0, True),
+    assert [(entry.name, entry.cells, entry.paired) for entry in found] == [
+        ("pn faint", 48, 0), ("pn medium", 48, 27), ("pn bright", 48, 36),
+        ("nicer faint", 45, 0), ("nicer medium", 36, 0), ("nicer bright", 36, 0),
     ]  # fmt: skip
 
 

@@ -222,6 +222,10 @@ def test_what_flows_of_our_own_give_stands_beside_every_number():
     ours = by_claim(committed("gain_ours"))
     said = measured(committed("gain_marginalised"))
     one, two = ours["gm.bias.fixed.medium"]["value"], ours["gm.cov90"]
-    assert said["gm.bias.fixed.medium"].note.endswith(f"; flows of our own give {one:.4g}")
-    assert said["gm.cov90"].note == f"flows of our own give {two['least']:.3g} to {two['most']:.3g}"
+    told = said["gm.bias.fixed.medium"].note
+    assert told.startswith("less exact posteriors' of the same spectra ")
+    assert f"; flows of our own give {one:.4g}, over its error " in told
+    assert said["gm.cov90"].note == (
+        f"flows of our own give least {two['least']:.4g}, most {two['most']:.4g}"
+    )
     assert set(said) - set(ours) == {"gm.train"}

@@ -11,7 +11,10 @@ from studies.paper.numbers import by_claim
 from studies.paper.paper_flow import TRAININGS, WITH_GAIN
 from studies.paper.trainings import AUC, NONE, POSTERIOR, Scatter, by_training, kind_of, scatter
 
-EXPERIMENTS = ("detection", "importance", "calibration_published", "line_bias", "gain_marginalised")
+EXPERIMENTS = (
+    *("detection", "importance", "calibration_published", "line_bias", "gain_marginalised"),
+    *("detection_nicer", "calibration_nicer"),
+)
 """Those that ran with every training."""
 
 
@@ -112,16 +115,11 @@ def test_trainings_are_compared_on_the_same_spectra():
 
 
 def test_where_no_second_training_is_kept_the_kind_lends(priors):
-    for name in ("cal.dev.nicer.bright", "xc.bright.capture", "cal.spot.seed101"):
+    for name in ("xc.bright.capture", "cal.spot.seed101"):
         claim, prior = claims()[name], priors[kind_of(claims()[name])]
         lent = scatter(claim, next(iter(claim.parts)), error=0.2)
         assert (lent.sd, lent.df) == (pytest.approx(0.2 * np.sqrt(prior.scale)), pytest.approx(prior.df))
         assert lent.own == 0.0
-    # A cell on NICER is lent that of the same cell on EPIC-pn, in units of its own error.
-    cell, other = claims()["grid.nicer.bright.B1.8e-05.D1"], claims()["grid.pn.bright.B1.8e-05.D1"]
-    lent, known = scatter(cell, "value", error=9.0), scatter(other, "value")
-    assert lent.sd == pytest.approx(known.sd * cell.error["value"] / other.error["value"])
-    assert (lent.df, lent.own) == (known.df, 0.0)
     # Of one network, which is not trained again: that it gives the same several times says nothing.
     assert not scatter(claims()["tab2.uncapped"], "failures").own
 
