@@ -29,7 +29,7 @@ EXPERIMENTS = (
 
 PAST = (
     *("evidence_pairs", "residuals", "outputs", "learning_curve", "go_no_go"),
-    *("gain_ours", "detection_ours", "calibration_ours"),
+    *("gain_ours", "detection_ours", "calibration_ours", "conformal_ours"),
 )
 """Those that measure what the study did not: no claim needs them."""
 

@@ -13,6 +13,7 @@ from studies.paper.experiments import EXPERIMENTS, PAST, load
 GRID = {"clean": 8, "suspicious": 8, "reference": 16, "draws": 20, "again": 2}
 PAIRS = {"pairs": 6, "draws": 30, "exact": 2, "curve": 6}
 RANKS = {"ranks": 20, "coverage": 20, "draws": 50}
+HALVES = {"calibration": 40, "test": 40, "draws": 50}
 SMALL = {
     "information": {"spectra": 20, "invariance": 8},
     "posteriors": {"line": 3, "draws": 100},
@@ -28,7 +29,8 @@ SMALL = {
     "calibration_retrained": {"ranks": 20, "coverage": 20, "spot": 4, "draws": 50},
     "calibration_nicer": RANKS,
     "calibration_ours": RANKS,
-    "conformal": {"calibration": 40, "test": 40, "draws": 50},
+    "conformal": HALVES,
+    "conformal_ours": HALVES,
     "gain_marginalised": PAIRS,
     "gain_ours": PAIRS,
     "cross_check": {
