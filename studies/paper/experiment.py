@@ -130,13 +130,18 @@ def committed(name: str) -> xr.Dataset | None:
     return read(path) if path.is_file() else None
 
 
-def with_ours(notes: Mapping[str, str], name: str) -> dict[str, str]:
-    """Notes by claim, and beside them what flows of our own give, by a committed experiment of theirs."""
+def ours_of(name: str) -> dict[str, dict[str, float]]:
+    """Numbers by claim of flows of our own, of the committed experiment that has them; else none."""
+    table = committed(name)
+    return {} if table is None else by_claim(table)
+
+
+def with_ours(notes: Mapping[str, str], ours: Mapping[str, Mapping[str, float]]) -> dict[str, str]:
+    """Notes by claim, and beside them what flows of our own give."""
     from studies.paper.registry import claims
 
-    table = committed(name)
     found = dict(notes)
-    for claim, parts in (by_claim(table) if table is not None else {}).items():
+    for claim, parts in ours.items():
         told = {part: f"{parts[part]:.4g}" for part in claims()[claim].needs if part in parts}
         said = ", ".join(text if part == SINGLE[0] else f"{part} {text}" for part, text in told.items())
         found[claim] = "; ".join(filter(None, (notes.get(claim, ""), f"flows of our own give {said}")))

@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from functools import cache
-
 from studies.paper.paper_flow.shipped import FLOWS
-from studies.paper.paper_flow.variants import VARIANTS, Variant
+from studies.paper.paper_flow.variants import VARIANTS
 
 OF_ONE_TRAINING = ("-uncapped", "-cut")
 """Where the bright training was stopped: no trainings of their own."""
 
-CASES: Mapping[str, tuple[str, Callable[[Variant], bool]]] = {
-    "gain": ("the study's with a free gain", lambda variant: variant.gain),
-}
 WORDS = {
     "undertrained": "one that its cap left undertrained, chosen by its loss before all else; ours converged",
     "stopped": "one of that seed that stops by itself, of which the rule is; the cap ended ours",
@@ -30,12 +24,6 @@ def made() -> frozenset[str]:
     return frozenset(path.stem for path in FLOWS.glob("*.json"))
 
 
-@cache
 def lacking(network: str) -> str:
     """What would settle a claim whose rule speaks of this network."""
-    if network in WORDS:
-        return f"another network: {WORDS[network]}"
-    what, is_of = CASES[network]
-    names = [name for name in planned() if is_of(VARIANTS[name])]
-    there = len(made().intersection(names))
-    return f"another network: {what}, of which {there} of {len(names)} trainings are made"
+    return f"another network: {WORDS[network]}"

@@ -10,7 +10,7 @@ import xarray as xr
 
 from studies.kit.resume import Arrays, Pieces, stream
 from studies.paper.calibration import DRAWS, bootstrapped, deviation
-from studies.paper.experiment import Experiment, Found, Setting, with_ours
+from studies.paper.experiment import Experiment, Found, Setting, ours_of, with_ours
 from studies.paper.experiments.calibration_published import LEVELS, flow_piece, ranks_of
 from studies.paper.numbers import TRAINING, Numbers, as_table, measurements
 from studies.paper.paper_flow import ON_NICER
@@ -45,7 +45,7 @@ def numbers_of(levels: Sequence[Arrays], seed: int) -> Numbers:
 
 def measured(table: xr.Dataset) -> Found:
     """Deviations, and p-values, which are of one network each; beside them those of our own flows."""
-    return measurements(table, with_ours({}, OURS), of_one=("cal.sbc.",))
+    return measurements(table, with_ours({}, ours_of(OURS)), of_one=("cal.sbc.",))
 
 
 EXPERIMENT = Experiment(

@@ -18,7 +18,7 @@ from gaugeblock.core.arrays import Array
 from gaugeblock.validate.designs.paired import stratified_permutation
 from studies.kit.resume import Arrays, Pieces, stream
 from studies.paper.calibration import deviation
-from studies.paper.experiment import Experiment, Found, Setting, with_ours
+from studies.paper.experiment import Experiment, Found, Setting, ours_of, with_ours
 from studies.paper.experiments.gain_pairs import ALPHA
 from studies.paper.numbers import TRAINING, Number, Numbers, as_table, measurements
 from studies.paper.paper_flow import WITH_GAIN, paper_flow
@@ -166,7 +166,7 @@ def measured(table: xr.Dataset) -> Found:
         "cf.bias.prec": "{in sd:.3f} posterior sd",
         "cf.bias.unw": "{in sd:.3f} posterior sd; stratified permutation p {p:.3f}",
     }
-    return measurements(table, with_ours(notes, OURS))
+    return measurements(table, with_ours(notes, ours_of(OURS)))
 
 
 EXPERIMENT = Experiment(

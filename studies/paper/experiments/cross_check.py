@@ -3,12 +3,14 @@
 The study's ten come from pools whose seed is not published: these are of pools of ours, chosen as it
 describes its own. Exact are importance weights of a flow's draws, held against UltraNest, and NUTS as a
 second family of samplers. Everything exact is there under two priors: norms are uniform in the study's nested
-sampling, while spectra and flows are drawn with log-uniform ones.
+sampling, while spectra and flows are drawn with log-uniform ones. Claims are of the study's network with a
+free gain, trained again; the columns of the table are of flows of our own, which stand beside it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,16 +18,19 @@ import xarray as xr
 
 from gaugeblock.core.arrays import Array
 from studies.kit.resume import Arrays, Pieces
-from studies.paper.experiment import Experiment, Setting
+from studies.paper.experiment import SHIPPED, Experiment, Setting
 from studies.paper.experiments import cross_posteriors as posteriors
 from studies.paper.experiments.counts import SEED
 from studies.paper.experiments.cross_claims import measured, numbers_of
 from studies.paper.experiments.cross_spectra import INFORMATIVE, PRIORS, chosen_bright, chosen_medium, pool
 from studies.paper.experiments.information import LEVELS
-from studies.paper.numbers import as_table
+from studies.paper.numbers import TRAINING, as_table, together
+from studies.paper.paper_flow import WITH_GAIN, paper_flow
 from studies.paper.registry import claims
 
-FLOW = "shipped:epic-pn-{level}-gain"
+RECIPE = "epic-pn-{level}-gain"
+"""The flows, as the study's network and ours are named."""
+
 POOLS = (417, 500, 1000)
 SEEDS = (*range(SEED, SEED + 60), *range(20260630, 20260643), 101, 202, 303)
 """Sizes and seeds that the study's pool may have: those it uses elsewhere and what lies near them."""
@@ -63,12 +68,21 @@ def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
     chains = pieces.each(
         "nuts", 2, lambda i, rng: posteriors.chain(bright[list(SAMPLED)], i + 1, sizes, rng), seed
     )
-    flows = {level: once(f"flow-{level}", _by_flow, counts[level], level, sizes["draws"]) for level in LEVELS}
-    apart = once("apart", _apart, exact, flows, sizes["told"])
-    # The same draws of the flow, and the same splits, against a chain and against one of twice its steps.
-    steps = once("steps", _by_steps, chains, flows["bright"]["draws"][list(SAMPLED)])
-    parts = {"flow": [flows[level] for level in LEVELS]}
-    parts |= {prior: [exact[prior, level] for level in LEVELS] for prior in PRIORS}
+
+    def of_flows(name: str, flow_of: Callable[[str], Any]) -> dict[str, Any]:
+        """Variables of flows that are given by their level."""
+        found = {
+            level: once(f"flow-{level}-{name}", _by_flow, flow_of, level, counts[level], sizes["draws"])
+            for level in LEVELS
+        }
+        sampled = found["bright"]["draws"][list(SAMPLED)]
+        # The same draws of the flow, and the same splits, against a chain and against one of twice its steps.
+        steps = once(f"steps-{name}", _by_steps, chains, sampled)
+        apart = once(f"apart-{name}", _apart, exact, sampled, sizes["told"])
+        return _variables(list(found.values()), truth, apart, steps)
+
+    parts = {prior: [exact[prior, level] for level in LEVELS] for prior in PRIORS}
+    refined = [once(f"refined-{level}", _refined, level, counts[level], sizes["draws"]) for level in LEVELS]
 
     def column(kind: str, name: str) -> Array:
         return np.concatenate([part[name] for part in parts[kind]])
@@ -91,32 +105,65 @@ def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
         "folded_effective": column(linear, "folded_effective"),
         "exact_reference": column("reference", "shrink"),
         "exact_reference_error": column("reference", "shrink_error"),
-        "flow": column("flow", "shrink"),
-        "flow_error": column("flow", "shrink_error"),
-        "refined": column("flow", "refined"),
-        "refined_error": column("flow", "refined_error"),
-        "refined_effective": column("flow", "effective"),
+        **{name: np.concatenate([part[key] for part in refined]) for name, key in REFINED.items()},
     }
     every: dict[str, Any] = {name: ("spectrum", values) for name, values in variables.items()}
     every["level"] = ("spectrum", np.repeat(list(LEVELS), [len(rows[level]) for level in LEVELS]))
-    for kind in parts:
-        away = (column(kind, "mean") - truth) / column(kind, "sd")
-        every[f"z_{kind}"] = (("spectrum", "parameter"), away)
+    every |= {f"z_{kind}": _away(part, truth) for kind, part in parts.items()}
     for name in nested[0]:
         every[name] = ("run", np.array([float(run[name]) for run in nested]))
     for name in chains[0]:
         if name != "draws":
             every[f"nuts_{name}"] = (("steps", "sampled"), np.stack([part[name] for part in chains]))
-    every |= {f"nuts_{name}": (("steps", "sampled"), values) for name, values in steps.items()}
-    every["flow_by_set"] = (("spectrum", "set"), column("flow", "by_set"))
     for label, numbers in (("boundary", boundary), ("searched", searched)):
         every |= {f"{label}_{name}": ((), float(value)) for name, value in numbers.items()}
     every |= {f"pool_{level}": (f"pool_of_{level}", pools[level]["shrink"]) for level in LEVELS}
     every["pool_counts"] = ("pool_of_bright", pools["bright"]["counts"].sum(axis=1))
-    for name, values in apart.items():
-        every[name] = (("pair", "sampled")[-values.ndim :], values)
     table = xr.Dataset(every)
-    return table.merge(as_table(numbers_of(table)))
+    ours = of_flows("ours", _ours)
+    of_the_study = {
+        training: table.assign(of_flows(f"study{training}", partial(_of_the_study, training)))
+        for training in WITH_GAIN[: sizes["trainings"]]
+    }
+    numbers = together({name: as_table(numbers_of(found)) for name, found in of_the_study.items()})
+    shrinks = np.stack([found["flow"].values for found in of_the_study.values()])
+    return table.assign(ours).merge(numbers).assign(study=((TRAINING, "spectrum"), shrinks))
+
+
+REFINED = {"refined": "shrink", "refined_error": "shrink_error", "refined_effective": "effective"}
+"""Columns of draws with importance weights."""
+
+
+def _variables(levels: Sequence[Arrays], truth: Array, apart: Arrays, steps: Arrays) -> dict[str, Any]:
+    """What a flow says of all spectra, and how its bright draws are told from exact ones."""
+
+    def column(name: str) -> Array:
+        return np.concatenate([level[name] for level in levels])
+
+    return {
+        "flow": ("spectrum", column("shrink")),
+        "flow_error": ("spectrum", column("shrink_error")),
+        "flow_by_set": (("spectrum", "set"), column("by_set")),
+        "z_flow": _away(levels, truth),
+        **{f"nuts_{name}": (("steps", "sampled"), values) for name, values in steps.items()},
+        **{name: (("pair", "sampled")[-values.ndim :], values) for name, values in apart.items()},
+    }
+
+
+def _away(levels: Sequence[Arrays], truth: Array) -> tuple[tuple[str, str], Array]:
+    """How far posteriors' means lie from the truth, in their sds."""
+    mean, sd = (np.concatenate([level[name] for level in levels]) for name in ("mean", "sd"))
+    return ("spectrum", "parameter"), (mean - truth) / sd
+
+
+def _ours(level: str) -> Any:
+    from gaugeblock.estimators.npe import load
+
+    return load(SHIPPED + RECIPE.format(level=level))
+
+
+def _of_the_study(training: str, level: str) -> Any:
+    return paper_flow(RECIPE.format(level=level) + training)
 
 
 def _searched(rng: np.random.Generator) -> Mapping[str, Any]:  # noqa: ARG001
@@ -142,20 +189,22 @@ def _searched(rng: np.random.Generator) -> Mapping[str, Any]:  # noqa: ARG001
 def _exactly(
     counts: Array, level: str, prior: str, draws: int, rng: np.random.Generator
 ) -> Mapping[str, Any]:
-    from gaugeblock.estimators.npe import load
-
-    return posteriors.exact(load(FLOW.format(level=level)), counts, level, prior, draws, rng)
+    return posteriors.exact(_ours(level), counts, level, prior, draws, rng)
 
 
-def _by_flow(counts: Array, level: str, draws: int, rng: np.random.Generator) -> Mapping[str, Any]:
-    from gaugeblock.estimators.npe import load
+def _refined(level: str, counts: Array, draws: int, rng: np.random.Generator) -> Mapping[str, Any]:
+    return posteriors.refined(_ours(level), counts, level, draws, rng)
 
-    return posteriors.by_flow(load(FLOW.format(level=level)), counts, level, draws, rng)
+
+def _by_flow(
+    flow_of: Callable[[str], Any], level: str, counts: Array, draws: int, rng: np.random.Generator
+) -> Mapping[str, Any]:
+    return posteriors.by_flow(flow_of(level), counts, draws, rng)
 
 
 def _apart(
     exact: Mapping[tuple[str, str], Arrays],
-    flows: Mapping[str, Arrays],
+    flow: Array,
     number: int,
     rng: np.random.Generator,
 ) -> Mapping[str, Any]:
@@ -164,13 +213,8 @@ def _apart(
     The three pairs are flow and exact under the flow's prior, flow and exact under the other one, exact and
     exact.
     """
-    own, other, flow = (
-        part["draws"][list(SAMPLED)]
-        for part in (
-            exact["reference", "bright"],
-            exact["published_linear_norm", "bright"],
-            flows["bright"],
-        )
+    own, other = (
+        exact[prior, "bright"]["draws"][list(SAMPLED)] for prior in ("reference", "published_linear_norm")
     )
     pairs = ((own, flow), (other, flow), (other, own))
     found = np.array(
@@ -208,7 +252,7 @@ def _by_steps(chains: Sequence[Arrays], flow: Array, rng: np.random.Generator) -
 
 EXPERIMENT = Experiment(
     name="cross_check",
-    says="ten spectra by nested sampling and NUTS with a free gain, and by the flow",
+    says="ten spectra by nested sampling and NUTS with a free gain, and by the study's network and our flows",
     sizes={
         Setting.FULL: {
             "pool": 500,
@@ -219,6 +263,7 @@ EXPERIMENT = Experiment(
             "warmup": 500,
             "chain": 8_000,
             "told": 1_000,
+            "trainings": len(WITH_GAIN),
         },
         Setting.TWIN: {
             "pool": 40,
@@ -229,10 +274,14 @@ EXPERIMENT = Experiment(
             "warmup": 60,
             "chain": 100,
             "told": 40,
+            "trainings": 2,
         },
     },
     run=run,
     measured=measured,
-    flows=tuple(FLOW.format(level=level) for level in LEVELS),
+    flows=(
+        *(SHIPPED + RECIPE.format(level=level) for level in LEVELS),
+        *(RECIPE.format(level=level) + training for level in LEVELS for training in WITH_GAIN),
+    ),
     extra="xray",
 )

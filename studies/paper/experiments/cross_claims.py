@@ -1,4 +1,4 @@
-"""The numbers of the exact cross-check, and what explains where they differ."""
+"""The numbers of the exact cross-check, and what is said beside them."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from gaugeblock.core.arrays import Array
-from studies.paper.experiment import Found
+from studies.paper.experiment import Found, with_ours
 from studies.paper.measurement import Measured, Untestable
-from studies.paper.numbers import Numbers, by_claim, mean_of, measurements
+from studies.paper.numbers import Numbers, as_table, by_claim, mean_of, measurements
 from studies.paper.registry import claims
 
 BOOTSTRAPS = 2000
@@ -22,7 +22,12 @@ SAMPLED = ("i394", "i416")
 
 def numbers_of(table: xr.Dataset) -> Numbers:
     """Numbers by claim and part."""
-    return _shrinks(table) | _captures(table) | pulls_of(table) | _samplers(table) | _apart(table)
+    return _shrinks(table) | _samplers(table) | of_flows(table)
+
+
+def of_flows(table: xr.Dataset) -> Numbers:
+    """Of what flows say alone, whichever the table's columns are of; refined ones are ours."""
+    return _captures(table) | pulls_of(table) | _apart(table)
 
 
 def _column(table: xr.Dataset, name: str, rows: int | slice = slice(None)) -> list[tuple[float, float]]:
@@ -215,28 +220,20 @@ NOTES = {
     "xc.spearman": "spectra drawn again with errors of their shrinks; over the four bright ones {bright:.2f}",
     "xc.sampler": "NUTS against UltraNest; ± is what both chance errors make of no difference",
     "xc.sampler.steps": "NUTS; the other spectrum {other:.1%}",
-    "xc.bright.capture": "{sets:.0f} sets of draws of the first keep {of a set:.3f} ± {of a set error:.3f} "
-    "on average, one of them scatters by {scatter of sets:.3f}",
-    "xc.c2st": "of draws by NUTS, under the study's prior, {chain:.2f}; twice its steps move it by "
-    "{steps:.3f} ± {steps error:.3f} (under 0.01 in the study)",
-}
-
-BECAUSE = {
-    "xc.zrms": "ours are other spectra and another flow: exact posteriors of the same ones have "
-    "{reference:.2f} under the prior that they were drawn from",
     "xc.i22.flow": "another spectrum, whose exact shrink under the flow's prior is {exact:.2f}; our flow "
     "with importance weights gives {refined:.2f}",
-    "xc.bright.capture": "ours is another flow: the constraint is in the data and a flow can return it; with "
-    "importance weights {first refined:.2f}, {second refined:.2f} and {third refined:.2f}, of at least "
-    "{effective:.0%} effective draws",
-    "xc.c2st": "ours is another flow, against exact posteriors under its own prior; against those of the "
-    "study's nested sampling {other:.2f}, and exact ones under both priors are told apart with {priors:.2f}",
-    "xc.c2st.g": "ours is another flow; against the study's prior {other:.2f}",
-    "xc.i394.iou": "another spectrum and another flow: the exact posterior has {dimension:.2f}, the flow "
-    "{flow:.2f} dimensions; the overlap is {other:.2f} with the study's prior, under which and under the "
-    "flow's exact ones overlap by {priors:.2f}",
+    "xc.bright.capture": "{sets:.0f} sets of draws of the first keep {of a set:.3f} ± {of a set error:.3f} "
+    "on average, one of them scatters by {scatter of sets:.3f}; the constraint is in the data and a flow can "
+    "return it: ours with importance weights {first refined:.2f}, {second refined:.2f} and "
+    "{third refined:.2f}, of at least {effective:.0%} effective draws",
+    "xc.c2st": "of draws by NUTS, under the study's prior, {chain:.2f}; twice its steps move it by "
+    "{steps:.3f} ± {steps error:.3f} (under 0.01 in the study); of exact draws under the study's prior "
+    "{other:.2f}, and exact ones under both priors are told apart with {priors:.2f}",
+    "xc.c2st.g": "against the study's prior {other:.2f}",
+    "xc.i394.iou": "another spectrum: its exact posterior has {dimension:.2f}, the flow {flow:.2f} "
+    "dimensions; the overlap is {other:.2f} with the study's prior, under which and under the flow's exact "
+    "ones overlap by {priors:.2f}",
 }
-
 
 FEWEST = 200
 """Spectra of a pool that holds some like the study's."""
@@ -246,11 +243,12 @@ CHOSEN = ("xc.i22.shrink", "xc.bright.shrink_NS", "xc.bright.range")
 
 
 def measured(table: xr.Dataset) -> Found:
-    """Claim by claim, with notes and reasons."""
+    """Claim by claim, with notes, and what our own flows give: the table's columns are of these."""
     spectra, pool = table.sizes["spectrum"], table.sizes["pool_of_medium"]
+    ours = by_claim(as_table(of_flows(table)))
     found: dict[str, Measured | Untestable] = {
         "xc.i416.counts": _of_i416(table),
-        **measurements(table, NOTES, BECAUSE, spectra=spectra, pool=pool),
+        **measurements(table, with_ours(NOTES, ours), spectra=spectra, pool=pool),
     }
     if pool < FEWEST:
         numbers, why = by_claim(table), f"a pool of {pool} spectra holds none like the study's"

@@ -231,10 +231,16 @@ def profile(simulator: Interpolated, counts: Array, scale: float) -> Array:
     return np.asarray(fitted.log_likelihood)
 
 
-def by_flow(flow: Any, counts: Array, level: str, draws: int, rng: np.random.Generator) -> Mapping[str, Any]:
-    """Draws of a flow, and its draws with importance weights: shrink of the gain by either."""
+def refined(flow: Any, counts: Array, level: str, draws: int, rng: np.random.Generator) -> Mapping[str, Any]:
+    """Shrink of the gain by draws of a flow with importance weights."""
     target = simulators()["reference"].exposed(LEVELS[level])
     rows = [weighted_draws(flow, target, row, draws, rng) for row in counts]
+    found = {name: np.array([row[name] for row in rows]) for name in ("shrink", "shrink_error", "effective")}
+    return found | {"effective": found["effective"] / draws}
+
+
+def by_flow(flow: Any, counts: Array, draws: int, rng: np.random.Generator) -> Mapping[str, Any]:
+    """Draws of a flow, and the shrink of the gain by them: by all, and by sets of them."""
     theta = flow.sample(counts, draws, rng)
     raw = shrink_of(theta[..., GAIN], np.full(theta.shape[:2], 1.0 / draws))
     sets = theta[:, : draws // SETS * SETS, GAIN].reshape(len(theta), SETS, -1)
@@ -245,9 +251,6 @@ def by_flow(flow: Any, counts: Array, level: str, draws: int, rng: np.random.Gen
         "shrink": raw[0],
         "shrink_error": raw[1],
         "by_set": sets.std(axis=2) / GAIN_PRIOR_SD,
-        "refined": np.array([row["shrink"] for row in rows]),
-        "refined_error": np.array([row["shrink_error"] for row in rows]),
-        "effective": np.array([row["effective"] for row in rows]) / draws,
     }
 
 

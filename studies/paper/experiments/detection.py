@@ -21,7 +21,7 @@ from studies.paper.detection_claims import CLEAN_SCORES, cells, estimates, on_ep
 from studies.paper.detection_grid import as_dataset, clean_of, levels_of, misplaced, scored
 from studies.paper.detection_level import SHIFT, STRENGTHS, DetectionLevel
 from studies.paper.detectors import DRAWS
-from studies.paper.experiment import FIRST, Experiment, Found, Setting, with_ours
+from studies.paper.experiment import FIRST, Experiment, Found, Setting, ours_of, with_ours
 from studies.paper.grid_populations import FAMILIES, LEVELS, is_kept
 from studies.paper.numbers import TRAINING, as_table, by_claim, measurements
 from studies.paper.paper_flow import TRAININGS
@@ -93,7 +93,7 @@ def measured(table: xr.Dataset) -> Found:
     found = by_claim(table)
     notes = _of_cells(table) | _of_best(table, found)
     because = by_its_embedding(table, RESPONSE) | _by_another_flow(table, found) | {FAR: _why_far(table)}
-    return measurements(table, with_ours(notes, OURS), because)
+    return measurements(table, with_ours(notes, ours_of(OURS)), because)
 
 
 def _why_far(table: xr.Dataset) -> str:

@@ -19,7 +19,7 @@ from studies.paper.detection_claims import CLEAN_SCORES, LINE_ON_EPIC_PN, cells,
 from studies.paper.detection_grid import as_dataset, misplaced, scored
 from studies.paper.detection_level import SHIFT
 from studies.paper.detectors import DRAWS
-from studies.paper.experiment import FIRST, Experiment, Found, Setting, committed, with_ours
+from studies.paper.experiment import FIRST, Experiment, Found, Setting, committed, ours_of, with_ours
 from studies.paper.experiments.detection import OURS, by_its_embedding, trained_levels
 from studies.paper.grid_populations import LEVELS
 from studies.paper.numbers import TRAINING, Number, alone, as_table, by_claim, measurements
@@ -60,7 +60,7 @@ def _on_epic_pn(training: str) -> dict[str, Number]:
 def measured(table: xr.Dataset) -> Found:
     """Cell by cell, then what is said of many; beside them what flows of our own give."""
     because = by_its_embedding(table, RESPONSE) | dict(_misplaced(table))
-    return measurements(table, with_ours(_notes(table), OURS), because)
+    return measurements(table, with_ours(_notes(table), ours_of(OURS)), because)
 
 
 def _misplaced(table: xr.Dataset) -> Iterator[tuple[str, str]]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
 from studies.kit.resume import Arrays
-from studies.paper.experiment import Found, with_ours
+from studies.paper.experiment import Found, ours_of, with_ours
 from studies.paper.experiments.gain_pairs import ALPHA, GAIN_RANGE, KINDS, MEMBERS
 from studies.paper.numbers import Numbers, Parts, mean_of, measurements
 
@@ -190,4 +190,4 @@ NOTES = {
 
 def measured(table: xr.Dataset) -> Found:
     """Every claim's measurement; beside it what flows of our own give on the same pairs."""
-    return measurements(table, with_ours(NOTES, OURS))
+    return measurements(table, with_ours(NOTES, ours_of(OURS)))
