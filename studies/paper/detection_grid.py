@@ -194,6 +194,8 @@ def _grid(clean: list[Arrays], cells: list[list[Arrays]]) -> Grid:
 def as_dataset(grids: Mapping[str, Grid], replicates: Mapping[str, Array]) -> xr.Dataset:
     """AUCs of grids by response, with bootstrap errors, and the mean and sd over other draws of the cells.
 
+    `replicates` are the bootstrap's, of all cells together: what spectra that cells share do to them.
+
     `clean_score` is the mean of D1 over clean spectra.
     """
     from gaugeblock.simulators.xray import published
@@ -208,6 +210,9 @@ def as_dataset(grids: Mapping[str, Grid], replicates: Mapping[str, Array]) -> xr
             "auc": stacked([grid.auc for grid in every], *CELL),
             "roc": stacked([grid.roc for grid in every], "level", "family", "detector", "share"),
             "auc_error": stacked([found.std(axis=0, ddof=1) for found in replicates.values()], *CELL),
+            "replicates": stacked(
+                [found.astype(np.float32) for found in replicates.values()], "replicate", *CELL
+            ),
             "again": stacked([grid.again.mean(axis=-1) for grid in every], *CELL),
             "again_sd": stacked([grid.again.std(axis=-1, ddof=1) for grid in every], *CELL),
             "nothing": stacked(

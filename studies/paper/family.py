@@ -2,32 +2,29 @@
 
 Networks and spectra are drawn again together. A network is one for all cells: what the kept trainings give
 cell by cell, less their mean, is drawn as a whole, with random signs and sizes, as wide as the judge says.
-Scores of single spectra are not kept; in their place normal scores are drawn whose AUCs are the published
-ones: a detector's cells share their clean spectra. Cells of the study's own spectra have no noise of spectra.
+Spectra are one set for all cells too: bootstrap replicates of all AUCs at once, one for ours and another for
+the published ones, each as wide as its error. Cells of the study's own spectra have no noise of spectra.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 
 import numpy as np
-from scipy import special
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.validate.p_values import among
 from studies.paper.claim import SINGLE, Claim
+from studies.paper.detection_claims import GRID_NAME
+from studies.paper.detection_claims import cells as cells_of
+from studies.paper.experiment import committed
 from studies.paper.judge import Judgement, Seen, seen_of
 from studies.paper.measurement import Measured
-from studies.paper.registry import CLEAN, SUSPICIOUS, claims
 from studies.paper.trainings import by_training
 
 FAMILIES = 2_000
 """Drawn to know how many misses there may be."""
-
-CHUNK = 500
-"""Of them, at once."""
 
 TOO_MANY = 0.01
 """Probability, adjusted for all families, below which one is said to have too many misses."""
@@ -84,12 +81,10 @@ def _family(name: str, items: list[Judgement], seed: int) -> Family:
         seen_of(item.claim, margin, Measured(dict(item.ours), dict(item.errors), trainings=item.trainings))
         for item, margin in zip(items, margins, strict=True)
     ]
-    spectra = np.array([np.hypot(one.ours, one.fixed) for one in seen])
-    noisy, drawn = spectra > 0, np.zeros((FAMILIES, len(cells)))
-    drawn[:, noisy] = of_spectra(tuple(cell.id for cell in np.array(cells)[noisy]), seed)
+    unit, errors = of_spectra(cells, rng), np.array([[one.ours, one.fixed] for one in seen]).T
     low, high = np.array([[m.low, m.high] for m in margins]).T
     centre = np.array([_expected(cell) for cell in cells])
-    alone = centre + spectra * drawn
+    alone = centre + (errors[:, None] * unit).sum(axis=0)
     both = alone + of_trainings(cells, seen, rng)
     numbers, bare = (((values < low) | (values > high)).sum(axis=1) for values in (both, alone))
     misses = sum(one.room < 0 for one in seen)
@@ -129,33 +124,19 @@ def _residuals(cell: Claim) -> Array:
     return np.asarray(apart / np.sqrt((apart**2).sum()))
 
 
-@cache
-def of_spectra(names: tuple[str, ...], seed: int) -> Array:
-    """What other spectra do to the AUCs of cells, ``(family, cell)``, each in its own errors."""
-    rng = np.random.default_rng((seed, 1))
-    detectors = np.array([name.rsplit(".", 1)[1] for name in names])
-    centre = np.array([_expected(claims()[name]) for name in names])
-    found = np.empty((FAMILIES, len(names)))
-    for start in range(0, FAMILIES, CHUNK):
-        for detector in np.unique(detectors):
-            own = np.flatnonzero(detectors == detector)
-            # Normal scores that lie so far apart have this AUC.
-            shift = np.sqrt(2.0) * special.ndtri(centre[own])
-            clean = rng.standard_normal((CHUNK, CLEAN))
-            suspicious = rng.standard_normal((CHUNK, len(own), SUSPICIOUS)) + shift[:, None]
-            found[start : start + CHUNK, own] = aucs(clean, suspicious)
-    return np.asarray((found - found.mean(axis=0)) / found.std(axis=0, ddof=1))
+def of_spectra(cells: Sequence[Claim], rng: np.random.Generator) -> Array:
+    """What two other sets of spectra do to AUCs of one response, ``(2, family, cell)``, in their errors."""
+    kept = _replicates(cells)
+    spread = kept.std(axis=0, ddof=1)
+    unit = (kept - kept.mean(axis=0)) / np.where(spread > 0, spread, 1.0)
+    return np.asarray(unit[rng.integers(len(unit), size=(2, FAMILIES))])
 
 
-def aucs(clean: Array, suspicious: Array) -> Array:
-    """AUCs ``(n, cell)`` of suspicious scores ``(n, cell, m)`` against clean ones ``(n, k)``, without ties.
-
-    >>> aucs(np.array([[0.0, 1.0], [5.0, 6.0]]), np.array([[[0.5, 2.0]], [[5.5, 5.6]]])).tolist()
-    [[0.75], [0.5]]
-    """
-    sets = np.arange(len(clean))[:, None, None]
-    # One search for all: every set of scores in a range of its own.
-    apart = np.ptp(np.concatenate([clean.ravel(), suspicious.ravel()])) + 1.0
-    ordered = np.sort(clean, axis=1) + apart * sets[:, 0]
-    below = np.searchsorted(ordered.ravel(), suspicious + apart * sets) - clean.shape[1] * sets
-    return np.asarray(below.mean(axis=-1) / clean.shape[1])
+def _replicates(cells: Sequence[Claim]) -> Array:
+    """Bootstrap replicates of cells' AUCs ``(replicate, cell)``, of the first training."""
+    table = committed(cells[0].by)
+    assert table is not None  # of what is measured
+    response = next(name for name, short in GRID_NAME.items() if cells[0].id.startswith(f"grid.{short}."))
+    places = dict(cells_of(response))
+    kept = table["replicates"].sel(response=response).values
+    return np.stack([kept[(slice(None), *places[cell.id])] for cell in cells], axis=1).astype(float)

@@ -56,10 +56,10 @@ JUDGED = """\
 
 TOGETHER = """\
 A margin has an error rate of its own. Cells of one response and level are taken together {number:,} times:
-what the kept trainings give, all cells at once, is drawn again with random sizes, and normal scores in
-place of the spectra, of which single scores are not kept: a detector's cells share their clean ones, those
-of several detectors none. Cells of the study's own spectra (*paired*) have no noise of spectra. A family
-with an adjusted p (Holm) below {bar:g} is a finding of its own."""
+what the kept trainings give, all cells at once, is drawn again with random sizes, and so are the spectra, by
+bootstrap replicates of all cells at once, one for ours and one for the published ones. Cells of the study's
+own spectra (*paired*) have no noise of spectra. A family with an adjusted p (Holm) below {bar:g} is a
+finding of its own."""
 
 
 def below(

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from scipy import stats
 from studies.paper import Measured, claims, judge
-from studies.paper.family import FAMILIES, aucs, families, holm, of_spectra, of_trainings
+from studies.paper.experiment import committed
+from studies.paper.family import FAMILIES, families, holm, of_spectra, of_trainings
 from studies.paper.judge import seen_of
 from studies.paper.trainings import by_training, scatter
-
-from gaugeblock.validate.detectors import auc
 
 LEVELS = ("faint", "medium", "bright")
 
@@ -96,24 +95,32 @@ def test_how_wide_a_network_moves_a_cell_is_itself_uncertain(cells, seen):
     assert np.mean(np.abs(moved / known) > stats.t.ppf(0.95, df)) == pytest.approx(0.1, abs=0.01)
 
 
-def test_cells_of_a_detector_share_their_clean_spectra():
-    """At the null a third of the variance of 200 clean against 100, and none across detectors."""
-    names = tuple(
-        f"grid.pn.faint.B4.{strength}.{name}" for name in ("D1", "D2") for strength in ("0.5", "1", "3")
+def test_spectra_move_all_cells_at_once_as_bootstrap_replicates_do(cells):
+    """As far as 2,000 draws of 500 tell; a detector's cells share clean spectra, two sets share none."""
+    some = [cell for cell in cells if cell.id.startswith("grid.pn.faint.")]
+    drawn = of_spectra(some, np.random.default_rng(3))
+    assert drawn.shape == (2, FAMILIES, 48)
+    np.testing.assert_allclose(drawn.std(axis=1, ddof=1), 1.0, atol=0.09)
+    np.testing.assert_allclose(drawn.mean(axis=1), 0.0, atol=0.09)
+    table = committed("detection").sel(response="epic-pn", level="faint")
+    kept = table["replicates"].stack(cell=("family", "strength", "detector")).values
+    assert kept.shape == (500, 48)
+    np.testing.assert_allclose(np.corrcoef(drawn[0].T), np.corrcoef(kept.T), atol=0.09)
+    names = [cell.id for cell in some]
+    same = [names.index(f"grid.pn.faint.B4.{strength}.D1") for strength in ("0.5", "1", "3")]
+    np.testing.assert_allclose(
+        np.corrcoef(drawn[1].T)[np.ix_(same, same)][np.triu_indices(3, 1)], 1 / 3, atol=0.15
     )
-    drawn = of_spectra(names, 0)
-    assert drawn.shape == (FAMILIES, 6)
-    np.testing.assert_allclose(drawn.std(axis=0, ddof=1), 1.0)
-    together = np.corrcoef(drawn.T)
-    same, other = together[:3, :3][np.triu_indices(3, 1)], together[:3, 3:]
-    np.testing.assert_allclose(same, 1 / 3, atol=0.08)
-    np.testing.assert_allclose(other, 0.0, atol=0.09)
+    across = np.corrcoef(drawn[0].T, drawn[1].T)[:48, 48:]
+    assert np.abs(across).max() < 0.1
 
 
-def test_areas_are_those_of_the_validator():
-    rng = np.random.default_rng(4)
-    clean, suspicious = rng.standard_normal((5, 20)), 1.0 + rng.standard_normal((5, 3, 10))
-    np.testing.assert_allclose(aucs(clean, suspicious), auc(clean[:, None], suspicious))
+def test_replicates_that_are_kept_have_the_errors_of_their_cells():
+    for name in ("detection", "detection_nicer"):
+        table = committed(name)
+        found = table["replicates"].values.std(axis=1, ddof=1)
+        np.testing.assert_allclose(found, table["auc_error"].values, rtol=1e-3)
+        assert found.shape[1:] == (3, 4, 4, 3)
 
 
 def test_spectra_alone_make_fewer_miss_and_none_of_those_in_common(cells):
