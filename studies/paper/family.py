@@ -50,10 +50,11 @@ class Family:
 
 
 def families(judgements: Iterable[Judgement], *, seed: int = 0) -> tuple[Family, ...]:
-    """The measured cells among these by response and level."""
+    """The measured cells among these by response and level, of networks whose trainings are kept."""
     groups: dict[str, list[Judgement]] = {}
     for item in judgements:
-        if item.claim.id.startswith("grid.") and SINGLE[0] in item.ours:
+        cell = item.claim.id.startswith("grid.") and SINGLE[0] in item.ours
+        if cell and by_training(item.claim) is not None:
             groups.setdefault(" ".join(item.claim.id.split(".")[1:3]), []).append(item)
     found = [_family(name, items, seed) for name, items in groups.items()]
     adjusted = holm(np.array([entry.p for entry in found]))
@@ -119,7 +120,7 @@ def of_trainings(cells: tuple[Claim, ...], seen: list[Seen], rng: np.random.Gene
 def _residuals(cell: Claim) -> Array:
     """A cell's AUCs by training less their mean ``(training,)``, their squares adding up to one."""
     values = by_training(cell)
-    assert values is not None  # of the grid, whose networks are trained several times
+    assert values is not None  # where trainings are kept
     apart = values - values.mean()
     return np.asarray(apart / np.sqrt((apart**2).sum()))
 
