@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from studies.paper.calibration import bootstrapped, coverage, deviation, rank_p, recovery
 from studies.paper.experiment import committed
+from studies.paper.experiments import load
 from studies.paper.experiments.calibration_published import measured
 from studies.paper.numbers import alone, by_claim
 
@@ -44,6 +45,20 @@ def test_rows_of_table_2_and_p_values_are_one_networks_and_the_others_means() ->
         assert found[claim].trainings == 1
     assert found["cal.dev.pn.faint"].parts == mean["cal.dev.pn.faint"]
     assert found["cal.dev.pn.faint"].trainings == table.sizes["training"] > 2
+
+
+def test_on_nicer_p_values_are_one_networks_and_our_own_flows_stand_beside() -> None:
+    table, ours = committed("calibration_nicer"), committed("calibration_ours")
+    assert table is not None
+    assert ours is not None
+    found, first, beside = load("calibration_nicer").measured(table), by_claim(alone(table)), by_claim(ours)
+    assert set(beside) == set(found)
+    for level in ("faint", "medium", "bright"):
+        ranks, deviates = found[f"cal.sbc.nicer.{level}"], found[f"cal.dev.nicer.{level}"]
+        assert (ranks.parts, ranks.trainings) == (first[f"cal.sbc.nicer.{level}"], 1)
+        assert (deviates.parts, deviates.trainings) == (by_claim(table)[f"cal.dev.nicer.{level}"], 3)
+        told = beside[f"cal.dev.nicer.{level}"]["value"]
+        assert deviates.note == f"flows of our own give {told:.4g}"
 
 
 def test_bootstrap_errors_are_those_of_a_mean() -> None:

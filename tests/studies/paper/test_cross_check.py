@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import xarray as xr
+from studies.paper import claims
 from studies.paper.experiment import committed
 from studies.paper.experiments import load
 from studies.paper.experiments.arithmetic import GAIN_PRIOR_SD
@@ -15,6 +16,9 @@ from studies.paper.experiments.cross_posteriors import (
     told_apart,
 )
 from studies.paper.experiments.cross_spectra import chosen_bright, weighted_sd
+from studies.paper.numbers import by_claim
+from studies.paper.paper_flow import WITH_GAIN
+from studies.paper.trainings import by_training
 
 from gaugeblock.estimators.nested_sampling import NestedPoints
 from gaugeblock.validate.evidence import threads_of
@@ -60,17 +64,39 @@ def test_capture_is_1_for_the_exact_width_and_0_for_the_prior_s():
     assert capture(np.array([0.7, 1.0, 0.85]), 0.7) == pytest.approx([1.0, 0.0, 0.5])
 
 
-def test_what_16_sets_of_draws_keep_and_what_twice_the_steps_change():
-    """Of the committed run, counted again: sets by their own capture, steps by accuracies that are kept."""
+def test_what_flows_keep_is_the_study_networks_training_by_training_and_ours_beside():
     table = committed("cross_check")
-    found, again = load("cross_check").measured(table), numbers_of(table)
+    found = load("cross_check").measured(table)["xc.bright.capture"]
+    three = np.flatnonzero(table["level"].values.astype(str) == "bright")[:3]
+    exact = table["exact_reference"].values[three]
+    assert table["study"].shape == (len(WITH_GAIN), 10)
+    for place, part in enumerate(("first", "second", "third, least")):
+        kept = (1 - table["study"].values[:, three[place]]) / (1 - exact[place])
+        np.testing.assert_allclose(by_training(claims()["xc.bright.capture"], part), kept)
+        assert found.parts[part] == pytest.approx(kept.mean())
+        ours = (1 - table["flow"].values[three[place]]) / (1 - exact[place])
+        assert f"{part} {ours:.4g}" in found.note.partition("flows of our own give ")[2]
+    assert found.trainings == len(WITH_GAIN)
+
+
+def test_what_16_sets_of_draws_keep_and_what_twice_the_steps_change():
+    """Of our flows, whose columns are kept, counted again: sets by their own capture, steps by accuracies."""
+    table = committed("cross_check")
+    again = numbers_of(table)
     bright = np.flatnonzero(table["level"].values.astype(str) == "bright")[0]
     sets = (1 - table["flow_by_set"].values[bright]) / (1 - table["exact_reference"].values[bright])
-    note = found["xc.bright.capture"].note
     assert len(sets) == 16
     assert again["xc.bright.capture"]["of a set"] == pytest.approx((sets.mean(), sets.std(ddof=1) / 4))
-    assert f"16 sets of draws of the first keep {sets.mean():.3f} ± {sets.std(ddof=1) / 4:.3f}" in note
-    assert note.endswith(f"scatters by {sets.std(ddof=1):.3f}")
+    assert again["xc.bright.capture"]["scatter of sets"] == pytest.approx(sets.std(ddof=1))
+    said, (numbers, errors) = (
+        load("cross_check").measured(table),
+        (by_claim(table, name)["xc.bright.capture"] for name in ("number", "standard_error")),
+    )
+    mean, error, spread = numbers["of a set"], errors["of a set"], numbers["scatter of sets"]
+    assert said["xc.bright.capture"].note.startswith(
+        f"16 sets of draws of the first keep {mean:.3f} ± {error:.3f} on average, one of them scatters by "
+        f"{spread:.3f};"
+    )
     # Together the sets are the draws: mean squares of both but for the sets' own means.
     whole = table["flow"].values
     np.testing.assert_allclose(np.sqrt((table["flow_by_set"].values ** 2).mean(axis=1)), whole, rtol=3e-3)
@@ -79,7 +105,8 @@ def test_what_16_sets_of_draws_keep_and_what_twice_the_steps_change():
     moved, chance = np.abs(accuracy[1] - accuracy[0])[worst], np.hypot(*error[:, worst])
     assert again["xc.c2st"]["steps"] == pytest.approx((moved, chance))
     assert again["xc.c2st"]["chain"] == accuracy[0].max()
-    assert f"twice its steps move it by {moved:.3f} ± {chance:.3f}" in found["xc.c2st"].note
+    by_study = by_claim(table)["xc.c2st"]["steps"]
+    assert f"twice its steps move it by {by_study:.3f} ± " in said["xc.c2st"].note
     # Two sets of 4,000 draws: the error of a binomial share of 8,000.
     np.testing.assert_allclose(error, np.sqrt(accuracy * (1 - accuracy) / 8000), rtol=0.3)
 

@@ -7,8 +7,13 @@ from studies.paper import claims
 from studies.paper.auc_error import auc_error
 from studies.paper.detection_claims import LINE_ON_EPIC_PN, cells, estimates, on_epic_pn, on_nicer
 from studies.paper.detection_grid import CELL, SHARES, Grid, as_dataset, roc
+from studies.paper.experiment import committed
+from studies.paper.experiments import load
 from studies.paper.grid_populations import cell_counts, cell_seed, clean_counts
+from studies.paper.numbers import by_claim
+from studies.paper.paper_flow import VARIANTS
 from studies.paper.rows import published_rows
+from studies.paper.trainings import by_training
 
 SHAPE = (3, 4, 4, 3)
 
@@ -51,6 +56,18 @@ def test_the_published_cells_give_the_published_claims():
             assert nicer[name][part] == pytest.approx(value, abs=0.0051), (name, part)
         if not name.startswith("grid."):
             assert all(rule.satisfied(claim.parts, nicer[name]) for rule in claim.rules), name
+
+
+def test_of_the_line_on_nicer_the_strongest_is_told_and_of_faint_spectra_the_best():
+    auc = np.random.default_rng(13).random((5, *SHAPE))
+    found = on_nicer(auc)
+    faint, medium, bright = range(3)
+    np.testing.assert_array_equal(found["det.nicer.B1.bright"]["value"], auc[:, bright, 0, 3, 0])
+    np.testing.assert_array_equal(found["det.nicer.B1.medium"]["value"], auc[:, medium, 0, 3, 0])
+    np.testing.assert_array_equal(
+        found["det.nicer.B1.faint"]["value"], auc[:, faint, 0, :, :2].reshape(5, -1).max(axis=1)
+    )
+    np.testing.assert_array_equal(found["det.B4.nicer36"]["max"], auc[:, :, 3].reshape(5, -1).max(axis=1))
 
 
 def test_the_studys_spectra_come_out_where_it_kept_its_seeds():
@@ -166,7 +183,6 @@ def test_ties_count_half():
 
 def test_a_flow_that_gives_less_on_other_spectra_too_is_said_to():
     pytest.importorskip("jaxspec")
-    from studies.paper.experiment import committed
     from studies.paper.experiments.detection import measured
 
     table = committed("detection")
@@ -179,3 +195,39 @@ def test_a_flow_that_gives_less_on_other_spectra_too_is_said_to():
     told = {name for name, item in found.items() if "embedding" in item.because}
     assert told == {"grid.pn.bright.B1.0.0003.D2", "tab4.D2.B1.bright"}
     assert "0.660 ± 0.030" in found["tab4.D2.B1.bright"].because
+
+
+def test_the_line_on_nicer_stands_beside_the_training_of_the_same_name_on_epic_pn():
+    errors = {name: by_claim(committed(name), "standard_error") for name in ("detection", "detection_nicer")}
+    for claim, same in LINE_ON_EPIC_PN.items():
+        here, there = by_training(claims()[claim], "EPIC-pn"), by_training(claims()[same])
+        names = [list(committed(name)["training"].values) for name in ("detection_nicer", "detection")]
+        assert names[0] == ["first", "-seed101", "-seed202"]
+        assert here.tolist() == [there[names[1].index(name)] for name in names[0]]
+        assert errors["detection_nicer"][claim]["EPIC-pn"] == errors["detection"][same]["value"]
+    # What the study says of the same on EPIC-pn.
+    assert [claims()[same].value for same in LINE_ON_EPIC_PN.values()] == pytest.approx(
+        [0.97, 0.92, 0.76], abs=0.006
+    )
+
+
+def test_what_our_own_flows_give_stands_beside_every_cell():
+    ours = by_claim(committed("detection_ours"))
+    assert set(ours) == mine("detection") | mine("detection_nicer")
+    for name in ("detection", "detection_nicer"):
+        found = load(name).measured(committed(name))
+        for claim in mine(name):
+            part = "value" if "value" in ours[claim] else claims()[claim].needs[0]
+            assert f"flows of our own give {'' if part == 'value' else part + ' '}" in found[claim].note
+            assert f"{ours[claim][part]:.4g}" in found[claim].note.rpartition("give ")[2]
+
+
+def test_networks_of_a_response_are_trained_on_it():
+    names = {name: experiment.retrained for name in ("detection", "detection_nicer", "calibration_nicer")
+             for experiment in (load(name),)}  # fmt: skip
+    assert names["detection_nicer"] == names["calibration_nicer"]
+    for name, response in (("detection", "epic-pn"), ("detection_nicer", "nicer")):
+        variants = [VARIANTS[f"{flow}{end}"] for flow in names[name] for end in load(name).trainings]
+        assert {variant.response for variant in variants} == {response}
+        assert {variant.level for variant in variants} == {"faint", "medium", "bright"}
+        assert not any(variant.gain for variant in variants)
