@@ -7,7 +7,7 @@ prior's box as on EPIC-pn, and all of it is scored.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -16,15 +16,13 @@ import xarray as xr
 from studies.kit.resume import Pieces, stream
 from studies.paper.claim import SINGLE
 from studies.paper.detection_claims import CLEAN_SCORES, LINE_ON_EPIC_PN, cells, estimates, on_nicer
-from studies.paper.detection_grid import as_dataset, misplaced, scored
-from studies.paper.detection_level import SHIFT
+from studies.paper.detection_grid import as_dataset, scored
 from studies.paper.detectors import DRAWS
-from studies.paper.experiment import FIRST, Experiment, Found, Setting, committed, ours_of, with_ours
+from studies.paper.experiment import Experiment, Found, Setting, committed, ours_of, with_ours
 from studies.paper.experiments.detection import OURS, by_its_embedding, trained_levels
 from studies.paper.grid_populations import LEVELS
 from studies.paper.numbers import TRAINING, Number, alone, as_table, by_claim, measurements
 from studies.paper.paper_flow import ON_NICER
-from studies.paper.registry import DETECTORS, claims
 
 RESPONSE = "nicer"
 LEAKING = "B2"
@@ -34,17 +32,12 @@ BESIDE = "detection"
 
 def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
     """AUCs of all cells and the claims about them, by one training."""
-    levels = trained_levels(RESPONSE, sizes)
-    grid = scored(RESPONSE, levels, pieces, seed)
+    grid = scored(RESPONSE, trained_levels(RESPONSE, sizes), pieces, seed)
     replicates = grid.replicates(np.random.default_rng(stream(seed, "detection_nicer", RESPONSE)))
     numbers = estimates(on_nicer(grid.auc), on_nicer(replicates))
     for claim, number in _on_epic_pn(sizes[TRAINING]).items():
         numbers[claim]["EPIC-pn"] = number
-    table = as_table(numbers).merge(as_dataset({RESPONSE: grid}, {RESPONSE: replicates}))
-    if sizes[TRAINING] != FIRST:
-        return table
-    # What is told beside the numbers is of the first training alone.
-    return table.merge(misplaced(RESPONSE, levels, pieces, seed))
+    return as_table(numbers).merge(as_dataset({RESPONSE: grid}, {RESPONSE: replicates}))
 
 
 def _on_epic_pn(training: str) -> dict[str, Number]:
@@ -59,29 +52,8 @@ def _on_epic_pn(training: str) -> dict[str, Number]:
 
 def measured(table: xr.Dataset) -> Found:
     """Cell by cell, then what is said of many; beside them what flows of our own give."""
-    because = by_its_embedding(table, RESPONSE) | dict(_misplaced(table))
-    return measurements(table, with_ours(_notes(table), ours_of(OURS)), because)
-
-
-def _misplaced(table: xr.Dataset) -> Iterator[tuple[str, str]]:
-    """D1, which takes clean spectra for suspicious by the study's flows of NICER, at every level."""
-    published, ours = CLEAN_SCORES[RESPONSE], table["clean_score"].sel(response=RESPONSE).to_series()
-    every = claims()
-
-    def said(level: str, value: float) -> str:
-        moved = float(table["misplaced_clean"].sel(misplaced_level=level))
-        return (
-            f"D1 of clean spectra is {published[level]:.3f} on average by the study's flow, "
-            f"{ours[level]:.3f} by ours: its posteriors lie beside the data. With ours moved by {SHIFT:g} "
-            f"of their sds it is {moved:.3f} and this AUC {value:.3f}"
-        )
-
-    for claim, (level, family, step, detector) in cells(RESPONSE):
-        if claim in every and DETECTORS[detector] == "D1":
-            yield claim, said(LEVELS[level], float(table["misplaced"][level, family, step]))
-    for name in LEVELS:
-        line = table["misplaced"].sel(family="B1", misplaced_level=name)
-        yield f"det.nicer.B1.{name}", said(name, float(line[-1]))
+    notes = with_ours(_notes(table), ours_of(OURS))
+    return measurements(table, notes, by_its_embedding(table, RESPONSE))
 
 
 def _notes(table: xr.Dataset) -> dict[str, str]:
@@ -98,7 +70,11 @@ def _notes(table: xr.Dataset) -> dict[str, str]:
             )
         elif np.isfinite(mean := float(here["again"].values[place])):
             notes[claim] = f"{mean:.3f} ± {float(here['again_sd'].values[place]):.3f} on other spectra"
-    return notes
+    clean = here["clean_score"].to_series()
+    return notes | {
+        f"det.nicer.B1.{level}": f"D1 of clean spectra is {clean[level]:.3f} on average ({told:.3f})"
+        for level, told in CLEAN_SCORES[RESPONSE].items()
+    }
 
 
 EXPERIMENT = Experiment(
