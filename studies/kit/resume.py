@@ -57,6 +57,10 @@ class Pieces:
         """Folder of these pieces."""
         return self.folder / f"{self.name}-{digest(dict(self.key))[:16]}"
 
+    def without(self, part: str) -> Pieces:
+        """Pieces of what a part of the key does not decide: the same ones for all that differ in it alone."""
+        return replace(self, key={name: value for name, value in self.key.items() if name != part})
+
     def made(self, wanted: Mapping[str, Callable[[], Any]], *, kind: str = "") -> dict[str, Any]:
         """Every piece by name, in order: arrays by name or plain data; those on disk are not made again."""
         made_folder(self.place)

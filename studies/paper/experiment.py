@@ -72,16 +72,20 @@ def pieces_of(
     seed: int,
     progress: Progress | None = None,
 ) -> Pieces:
-    """Where an experiment keeps its pieces: apart for all sizes, every training, seed and version."""
+    """Where an experiment keeps its pieces: apart for all sizes, every training, seed and version.
+
+    What no training decides is kept once, in these pieces without `TRAINING`.
+    """
     key: dict[str, Any] = {
         "experiment": experiment.name,
         "version": experiment.version,
-        "sizes": dict(sizes),
+        "sizes": {name: size for name, size in sizes.items() if name != TRAINING},
         "seed": seed,
+        "flows": {name: weights_of(name) for name in experiment.flows},
     }
-    again = (name + sizes[TRAINING] for name in experiment.retrained)
-    if flows := (*experiment.flows, *again):
-        key["flows"] = {name: weights_of(name) for name in flows}
+    if experiment.retrained:
+        again = (name + sizes[TRAINING] for name in experiment.retrained)
+        key[TRAINING] = {name: weights_of(name) for name in again}
     return Pieces(folder, key, name=experiment.name, progress=progress)
 
 
@@ -102,6 +106,8 @@ def made(
         pieces = pieces_of(experiment, sizes, folder, seed=seed, progress=progress)
         tables[training] = experiment.run(sizes, pieces, seed)
         spent += pieces.spent()
+    if experiment.retrained:
+        spent += pieces.without(TRAINING).spent()
     small = " --twin" if setting is Setting.TWIN else ""
     return together(tables).assign_attrs(
         record(

@@ -24,7 +24,7 @@ from studies.paper.experiments.counts import SEED
 from studies.paper.experiments.cross_claims import measured, numbers_of
 from studies.paper.experiments.cross_spectra import INFORMATIVE, PRIORS, chosen_bright, chosen_medium, pool
 from studies.paper.experiments.information import LEVELS
-from studies.paper.numbers import TRAINING, as_table, together
+from studies.paper.numbers import TRAINING, as_table
 from studies.paper.paper_flow import WITH_GAIN, paper_flow
 from studies.paper.registry import claims
 
@@ -44,10 +44,11 @@ SAMPLED = (1, 0)
 
 
 def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
-    """Shrinks of the gain by every way, and the numbers of the claims."""
+    """Shrinks of the gain by every way, and the numbers of the claims by one training."""
+    shared = pieces.without(TRAINING)
 
-    def once(kind: str, make: Callable[..., Mapping[str, Any]], *given: Any) -> Arrays:
-        return pieces.each(kind, 1, lambda _, rng: make(*given, rng), seed)[0]
+    def once(kind: str, make: Callable[..., Mapping[str, Any]], *given: Any, of: Pieces = shared) -> Arrays:
+        return of.one(kind, partial(make, *given), seed)
 
     searched = once("seeds", _searched)
     pools = {level: once(f"pool-{level}", pool, level, sizes) for level in LEVELS}
@@ -61,24 +62,24 @@ def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
         for level in LEVELS
     }
     bright = counts["bright"]
-    nested = pieces.each(
+    nested = shared.each(
         "nested", INFORMATIVE, lambda i, rng: posteriors.nested(bright[i], sizes["live"], rng), seed
     )
     boundary = once("boundary", posteriors.boundary, counts["medium"][0], sizes)
-    chains = pieces.each(
+    chains = shared.each(
         "nuts", 2, lambda i, rng: posteriors.chain(bright[list(SAMPLED)], i + 1, sizes, rng), seed
     )
 
-    def of_flows(name: str, flow_of: Callable[[str], Any]) -> dict[str, Any]:
+    def of_flows(flow_of: Callable[[str], Any], of: Pieces) -> dict[str, Any]:
         """Variables of flows that are given by their level."""
         found = {
-            level: once(f"flow-{level}-{name}", _by_flow, flow_of, level, counts[level], sizes["draws"])
+            level: once(f"flow-{level}", _by_flow, flow_of, level, counts[level], sizes["draws"], of=of)
             for level in LEVELS
         }
         sampled = found["bright"]["draws"][list(SAMPLED)]
         # The same draws of the flow, and the same splits, against a chain and against one of twice its steps.
-        steps = once(f"steps-{name}", _by_steps, chains, sampled)
-        apart = once(f"apart-{name}", _apart, exact, sampled, sizes["told"])
+        steps = once("steps", _by_steps, chains, sampled, of=of)
+        apart = once("apart", _apart, exact, sampled, sizes["told"], of=of)
         return _variables(list(found.values()), truth, apart, steps)
 
     parts = {prior: [exact[prior, level] for level in LEVELS] for prior in PRIORS}
@@ -120,14 +121,9 @@ def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
     every |= {f"pool_{level}": (f"pool_of_{level}", pools[level]["shrink"]) for level in LEVELS}
     every["pool_counts"] = ("pool_of_bright", pools["bright"]["counts"].sum(axis=1))
     table = xr.Dataset(every)
-    ours = of_flows("ours", _ours)
-    of_the_study = {
-        training: table.assign(of_flows(f"study{training}", partial(_of_the_study, training)))
-        for training in WITH_GAIN[: sizes["trainings"]]
-    }
-    numbers = together({name: as_table(numbers_of(found)) for name, found in of_the_study.items()})
-    shrinks = np.stack([found["flow"].values for found in of_the_study.values()])
-    return table.assign(ours).merge(numbers).assign(study=((TRAINING, "spectrum"), shrinks))
+    study = table.assign(of_flows(partial(_of_the_study, sizes[TRAINING]), pieces))
+    ours = table.assign(of_flows(_ours, shared))
+    return ours.merge(as_table(numbers_of(study))).assign(study=study["flow"])
 
 
 REFINED = {"refined": "shrink", "refined_error": "shrink_error", "refined_effective": "effective"}
@@ -263,7 +259,6 @@ EXPERIMENT = Experiment(
             "warmup": 500,
             "chain": 8_000,
             "told": 1_000,
-            "trainings": len(WITH_GAIN),
         },
         Setting.TWIN: {
             "pool": 40,
@@ -274,14 +269,12 @@ EXPERIMENT = Experiment(
             "warmup": 60,
             "chain": 100,
             "told": 40,
-            "trainings": 2,
         },
     },
     run=run,
     measured=measured,
-    flows=(
-        *(SHIPPED + RECIPE.format(level=level) for level in LEVELS),
-        *(RECIPE.format(level=level) + training for level in LEVELS for training in WITH_GAIN),
-    ),
+    flows=tuple(SHIPPED + RECIPE.format(level=level) for level in LEVELS),
+    retrained=tuple(RECIPE.format(level=level) for level in LEVELS),
+    trainings=WITH_GAIN,
     extra="xray",
 )

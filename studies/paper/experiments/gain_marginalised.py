@@ -81,7 +81,7 @@ def on_pairs(
             name = f"{level}-{k}"
             found[name] = pairs(name, level, sizes["pairs"], per_cent=SHIFT, flows_of=KINDS)
         name = f"{level}-exact"
-        found[name] = pieces.rows(name, sizes["exact"], FEW, partial(exact, level), seed)
+        found[name] = pieces.without(TRAINING).rows(name, sizes["exact"], FEW, partial(exact, level), seed)
     for name, per_cent in CURVE.items():
         kind = f"curve-{name.replace(' ', '-')}"
         found[f"curve {name}"] = pairs(kind, "medium", sizes["curve"], per_cent=per_cent, flows_of=KINDS[:1])

@@ -137,7 +137,7 @@ def test_pieces_of_other_weights_are_not_used(tmp_path, monkeypatch):
     from studies.paper import Setting, experiment
     from studies.paper.experiments import load
 
-    mine = load("conformal")
+    mine = load("conformal_ours")
     sizes = mine.sizes[Setting.TWIN]
     first = experiment.pieces_of(mine, sizes, tmp_path, seed=1).place
     assert first == experiment.pieces_of(mine, sizes, tmp_path, seed=1).place

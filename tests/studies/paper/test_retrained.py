@@ -1,5 +1,9 @@
 """An experiment whose flows are trained several times: one table of all, and pieces of each apart."""
 
+import time
+from dataclasses import replace
+from functools import partial
+
 import numpy as np
 import pytest
 from studies.paper.experiment import Experiment, Setting, made, pieces_of
@@ -53,11 +57,36 @@ def test_pieces_of_every_training_lie_apart(experiment, tmp_path):
     made(experiment, Setting.FULL, tmp_path, seed=1)
     assert len(list(tmp_path.iterdir())) == 3
     key = pieces_of(experiment, {"level": 10.0, "training": "-seed101"}, tmp_path, seed=1).key
-    assert key["flows"] == {
-        "cut": "sha of cut",
+    assert key["flows"] == {"cut": "sha of cut"}
+    assert key["training"] == {
         "faint-seed101": "sha of faint-seed101",
         "bright-seed101": "sha of bright-seed101",
     }
+    assert key["sizes"] == {"level": 10.0}
+
+
+def test_what_no_training_decides_is_made_once_and_its_time_counted_once(experiment, tmp_path):
+    asked = []
+
+    def run(sizes, pieces, seed):
+        def draw(seconds, rng):
+            asked.append(sizes["training"])
+            end = time.process_time() + seconds
+            while time.process_time() < end:
+                pass
+            return {"x": np.array(rng.random())}
+
+        shared = pieces.without("training").one("drawn", partial(draw, 0.4), seed)["x"]
+        own = pieces.one("drawn", partial(draw, 0.0), seed)["x"]
+        return as_table({"shared": float(shared), "own": float(own)})
+
+    table = made(replace(experiment, run=run), Setting.FULL, tmp_path, seed=1)
+    assert asked == ["", "", "-seed101", "-seed202"]
+    assert [len(list(folder.glob("*.npz"))) for folder in tmp_path.iterdir()] == [1] * 4
+    assert 0.4 <= table.attrs["cpu_seconds"] < 0.7
+    again = made(replace(experiment, run=run), Setting.FULL, tmp_path, seed=1)
+    assert len(asked) == 4
+    assert again.attrs["cpu_seconds"] == table.attrs["cpu_seconds"]
 
 
 def test_one_table_stays_as_it_is():
