@@ -133,19 +133,14 @@ def _marginal(of: Found) -> Row:
 
 
 def _capture(of: Found) -> Row:
-    from studies.paper.experiments.cross_claims import THREE, capture
+    from studies.paper.experiments.cross_claims import CAPTURE, THREE, by_ours
 
-    table = of.tables["cross_check"]
-    rows = np.flatnonzero(table["level"].values.astype(str) == "bright")[: len(THREE)]
-    exact = table["exact_reference"].values[rows]
-    flow, refined = (
-        ", ".join(f"{share:.2f}" for share in capture(table[name].values[rows], exact))
-        for name in ("flow", "refined")
-    )
+    ours = by_ours(of.tables["cross_check"])[CAPTURE]
+    study = ", ".join(f"{of.ours(CAPTURE, name):.2f}" for name in THREE)
+    flow, refined = (", ".join(f"{ours[name + word]:.2f}" for name in THREE) for word in ("", " refined"))
     return "At bright a flow loses most of what the data say of the gain", (
-        "**Likely of its network (at most 0.163)**, by its recipe "
-        f"{of.ours('gm.g.width', 'bright clean'):.2f} as wide as the prior; **wrong of flows.** Ours keeps "
-        f"{flow}, with importance weights {refined}."
+        f"**Of its recipe**: it keeps {study} (at most 0.163); **wrong of flows.** Ours keeps {flow}, with "
+        f"importance weights {refined}."
     )
 
 

@@ -17,6 +17,9 @@ from studies.paper.registry import claims
 
 BOOTSTRAPS = 2000
 THREE = ("first", "second", "third")
+CAPTURE = "xc.bright.capture"
+"""The claim of what a flow keeps of these three."""
+
 SAMPLED = ("i394", "i416")
 
 
@@ -28,6 +31,11 @@ def numbers_of(table: xr.Dataset) -> Numbers:
 def of_flows(table: xr.Dataset) -> Numbers:
     """Of what flows say alone, whichever the table's columns are of; refined ones are ours."""
     return _captures(table) | pulls_of(table) | _apart(table)
+
+
+def by_ours(table: xr.Dataset, name: str = "number") -> dict[str, dict[str, float]]:
+    """What our own flows give by claim and part, of a table whose columns are of them."""
+    return by_claim(as_table(of_flows(table)), name)
 
 
 def _column(table: xr.Dataset, name: str, rows: int | slice = slice(None)) -> list[tuple[float, float]]:
@@ -121,8 +129,10 @@ def _captures(table: xr.Dataset) -> Numbers:
     sets = capture(table["flow_by_set"].values[three[0]], exact[0])
     medium = _rows(table, "medium")[0]
     return {
-        "xc.bright.capture": {
-            **{"first": first, "second": second, "third, least": third, "third, most": third},
+        CAPTURE: {
+            **dict(zip(THREE, (first, second, third), strict=True)),
+            # Of which a range is published.
+            **{"third, least": third, "third, most": third},
             **{f"{name} refined": value for name, value in zip(THREE, of("refined"), strict=True)},
             "effective": float(table["refined_effective"].values[three].min()),
             "sets": float(sets.size),
@@ -222,7 +232,7 @@ NOTES = {
     "xc.sampler.steps": "NUTS; the other spectrum {other:.1%}",
     "xc.i22.flow": "another spectrum, whose exact shrink under the flow's prior is {exact:.2f}; our flow "
     "with importance weights gives {refined:.2f}",
-    "xc.bright.capture": "{sets:.0f} sets of draws of the first keep {of a set:.3f} ± {of a set error:.3f} "
+    CAPTURE: "{sets:.0f} sets of draws of the first keep {of a set:.3f} ± {of a set error:.3f} "
     "on average, one of them scatters by {scatter of sets:.3f}; the constraint is in the data and a flow can "
     "return it: ours with importance weights {first refined:.2f}, {second refined:.2f} and "
     "{third refined:.2f}, of at least {effective:.0%} effective draws",
@@ -245,10 +255,9 @@ CHOSEN = ("xc.i22.shrink", "xc.bright.shrink_NS", "xc.bright.range")
 def measured(table: xr.Dataset) -> Found:
     """Claim by claim, with notes, and what our own flows give: the table's columns are of these."""
     spectra, pool = table.sizes["spectrum"], table.sizes["pool_of_medium"]
-    ours = by_claim(as_table(of_flows(table)))
     found: dict[str, Measured | Untestable] = {
         "xc.i416.counts": _of_i416(table),
-        **measurements(table, with_ours(NOTES, ours), spectra=spectra, pool=pool),
+        **measurements(table, with_ours(NOTES, by_ours(table)), spectra=spectra, pool=pool),
     }
     if pool < FEWEST:
         numbers, why = by_claim(table), f"a pool of {pool} spectra holds none like the study's"
