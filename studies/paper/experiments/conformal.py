@@ -21,7 +21,7 @@ from studies.paper.calibration import deviation
 from studies.paper.experiment import Experiment, Found, Setting, ours_of, with_ours
 from studies.paper.experiments.gain_pairs import ALPHA
 from studies.paper.numbers import TRAINING, Number, Numbers, as_table, measurements
-from studies.paper.paper_flow import WITH_GAIN, paper_flow
+from studies.paper.paper_flow import TRAININGS, paper_flow
 
 RECIPE = "epic-pn-medium-gain"
 """The flow, as the study's network and ours are named."""
@@ -177,6 +177,6 @@ EXPERIMENT = Experiment(
     run=run,
     measured=measured,
     retrained=(RECIPE,),
-    trainings=WITH_GAIN,
+    trainings=TRAININGS,
     extra="xray",
 )

@@ -25,7 +25,7 @@ from studies.paper.experiments.cross_claims import measured, numbers_of
 from studies.paper.experiments.cross_spectra import INFORMATIVE, PRIORS, chosen_bright, chosen_medium, pool
 from studies.paper.experiments.information import LEVELS
 from studies.paper.numbers import TRAINING, as_table
-from studies.paper.paper_flow import WITH_GAIN, paper_flow
+from studies.paper.paper_flow import TRAININGS, paper_flow
 from studies.paper.registry import claims
 
 RECIPE = "epic-pn-{level}-gain"
@@ -275,6 +275,6 @@ EXPERIMENT = Experiment(
     measured=measured,
     flows=tuple(SHIPPED + RECIPE.format(level=level) for level in LEVELS),
     retrained=tuple(RECIPE.format(level=level) for level in LEVELS),
-    trainings=WITH_GAIN,
+    trainings=TRAININGS,
     extra="xray",
 )

@@ -18,7 +18,7 @@ from studies.paper.experiment import Experiment, Setting
 from studies.paper.experiments.gain_claims import CURVE, SHIFT, claims_of, measured
 from studies.paper.experiments.gain_pairs import KINDS, MEMBERS, GainPairs, exact_summaries, summaries
 from studies.paper.numbers import TRAINING, Numbers, Parts, as_table
-from studies.paper.paper_flow import WITH_GAIN, paper_flow
+from studies.paper.paper_flow import TRAININGS, paper_flow
 
 CHUNK, FEW = 50, 25
 """Pairs in one piece, and those that have exact posteriors."""
@@ -96,6 +96,6 @@ EXPERIMENT = Experiment(
     run=run,
     measured=measured,
     retrained=tuple(RECIPES.values()),
-    trainings=WITH_GAIN,
+    trainings=TRAININGS,
     extra="xray",
 )

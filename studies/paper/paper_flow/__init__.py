@@ -4,6 +4,6 @@
 """
 
 from studies.paper.paper_flow.shipped import FLOWS, paper_flow, record_of
-from studies.paper.paper_flow.variants import ON_NICER, TRAININGS, VARIANTS, WITH_GAIN, Variant
+from studies.paper.paper_flow.variants import ON_NICER, TRAININGS, VARIANTS, Variant
 
-__all__ = ["FLOWS", "ON_NICER", "TRAININGS", "VARIANTS", "WITH_GAIN", "Variant", "paper_flow", "record_of"]
+__all__ = ["FLOWS", "ON_NICER", "TRAININGS", "VARIANTS", "Variant", "paper_flow", "record_of"]

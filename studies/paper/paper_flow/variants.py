@@ -53,13 +53,10 @@ FEWER = SEEDS[:2]
 """Of those on NICER."""
 
 MADE = SEEDS[:3]
-"""Those of which there are flows at every level; the fourth is still to be trained."""
+"""Those of which there are flows at every level, with a free gain too; the fourth is still to be trained."""
 
 TRAININGS = ("", *(f"-seed{seed}" for seed in MADE))
 """How the names of a recipe's trainings end, the first first."""
-
-WITH_GAIN = TRAININGS[:3]
-"""Those that are made with a free gain too."""
 
 ON_NICER = ("", *(f"-seed{seed}" for seed in FEWER))
 """Those on NICER."""

@@ -17,7 +17,7 @@ from studies.paper.experiments.cross_posteriors import (
 )
 from studies.paper.experiments.cross_spectra import chosen_bright, weighted_sd
 from studies.paper.numbers import by_claim
-from studies.paper.paper_flow import WITH_GAIN
+from studies.paper.paper_flow import TRAININGS
 from studies.paper.trainings import by_training
 
 from gaugeblock.estimators.nested_sampling import NestedPoints
@@ -71,13 +71,13 @@ def test_what_flows_keep_is_the_study_networks_training_by_training_and_ours_bes
     exact = table["exact_reference"].values[three]
     for place, part in enumerate(("first", "second", "third, least")):
         kept = by_training(claims()["xc.bright.capture"], part)
-        assert len(kept) == len(WITH_GAIN)
+        assert len(kept) == len(TRAININGS)
         # The column is the first training's.
         assert kept[0] == pytest.approx((1 - table["study"].values[three[place]]) / (1 - exact[place]))
         assert found.parts[part] == pytest.approx(kept.mean())
         ours = (1 - table["flow"].values[three[place]]) / (1 - exact[place])
         assert f"{part} {ours:.4g}" in found.note.partition("flows of our own give ")[2]
-    assert found.trainings == len(WITH_GAIN)
+    assert found.trainings == len(TRAININGS)
 
 
 def test_what_16_sets_of_draws_keep_and_what_twice_the_steps_change():

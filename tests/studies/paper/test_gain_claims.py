@@ -10,7 +10,7 @@ from studies.paper.experiments.gain_marginalised import LEVELS, RECIPES, measure
 from studies.paper.experiments.gain_pairs import GAIN_RANGE, KINDS, MEMBERS, GainPairs, summaries
 from studies.paper.judge import Agreement, judge
 from studies.paper.numbers import as_table, by_claim
-from studies.paper.paper_flow import VARIANTS, WITH_GAIN, record_of
+from studies.paper.paper_flow import TRAININGS, VARIANTS, record_of
 from studies.paper.registry import claims
 from studies.paper.trainings import by_training
 
@@ -212,7 +212,7 @@ def test_recipes_are_of_their_level_and_have_a_gain_or_not():
 
 
 def test_how_the_network_was_trained_is_off_its_records():
-    records = [record_of(f"epic-pn-medium-gain{end}") for end in WITH_GAIN]
+    records = [record_of(f"epic-pn-medium-gain{end}") for end in TRAININGS]
     train = claims()["gm.train"]
     assert by_training(train, "epochs").tolist() == [record["epochs"] for record in records]
     assert by_training(train, "simulations").tolist() == [50_000] * len(records)

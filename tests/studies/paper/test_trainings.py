@@ -8,12 +8,12 @@ from studies.paper.experiment import committed
 from studies.paper.grid_populations import is_kept
 from studies.paper.moderated import prior_of
 from studies.paper.numbers import by_claim
-from studies.paper.paper_flow import TRAININGS, WITH_GAIN
+from studies.paper.paper_flow import ON_NICER, TRAININGS
 from studies.paper.trainings import AUC, NONE, POSTERIOR, Scatter, by_training, kind_of, scatter
 
 EXPERIMENTS = (
     *("detection", "importance", "calibration_published", "line_bias", "gain_marginalised"),
-    *("detection_nicer", "calibration_nicer"),
+    *("detection_nicer", "calibration_nicer", "conformal", "cross_check"),
 )
 """Those that ran with every training."""
 
@@ -63,9 +63,9 @@ def test_degrees_of_freedom_grow_with_trainings_where_they_are_a_claims_own():
 
 
 def test_a_claim_of_fewer_trainings_is_squeezed_by_what_more_of_others_tell(priors):
-    claim, prior = claims()["gm.bias.bright"], priors[POSTERIOR]
+    claim, prior = claims()["cal.dev.nicer.bright"], priors[POSTERIOR]
     row = by_training(claim)
-    assert len(row) == len(WITH_GAIN) < len(TRAININGS)
+    assert len(row) == len(ON_NICER) < len(TRAININGS)
     own = len(row) - 1.0
     unit = by_claim(committed(claim.by), "standard_error")[claim.id]["value"]
     variance = (prior.df * prior.scale + own * row.var(ddof=1) / unit**2) / (prior.df + own)
