@@ -156,8 +156,8 @@ def _nicer(of: Found) -> Row:
     agree, differ = (of.among("grid.nicer.", verdict) for verdict in (Agreement.AGREES, Agreement.DIFFERS))
     lines = ", ".join(of.both(f"det.nicer.B1.{level}") for level in ("faint", "medium", "bright"))
     return "NICER shows the same", (
-        f"By its recipe, on another response file: {agree} of {of.among('grid.nicer.')} cells agree, "
-        f"{differ or 'none'} differ; AUCs of the line {lines}."
+        f"**Holds as far as it is decided**, by another response: {agree} of {of.among('grid.nicer.')} cells "
+        f"agree, {differ or 'none'} differ; AUCs of the line are {lines}."
     )
 
 

@@ -128,7 +128,9 @@ def test_curves_are_of_the_strongest_change_and_hold_its_area():
     assert (np.diff(curves) >= 0).all()
     assert (curves[..., -1] == 1).all()
     np.testing.assert_allclose(roc(np.zeros(7), np.zeros(9)), SHARES)
-    table = as_dataset({"epic-pn": made}, {"epic-pn": made.replicates(rng, 3)})
+    replicates = made.replicates(rng, 3)
+    table = as_dataset({"epic-pn": made}, {"epic-pn": replicates})
+    np.testing.assert_allclose(table["replicates"].values[0], replicates, rtol=1e-6)
     here = table["roc"].sel(response="epic-pn", level="medium", family="B3", detector="D1")
     np.testing.assert_array_equal(here.values, curves[1, 2, 0])
 
@@ -205,10 +207,9 @@ def test_the_line_on_nicer_stands_beside_the_training_of_the_same_name_on_epic_p
         assert names[0] == ["first", "-seed101", "-seed202"]
         assert here.tolist() == [there[names[1].index(name)] for name in names[0]]
         assert errors["detection_nicer"][claim]["EPIC-pn"] == errors["detection"][same]["value"]
-    # What the study says of the same on EPIC-pn.
-    assert [claims()[same].value for same in LINE_ON_EPIC_PN.values()] == pytest.approx(
-        [0.97, 0.92, 0.76], abs=0.006
-    )
+    # What the study's table has of the same on EPIC-pn.
+    told = [claims()[same].value for same in LINE_ON_EPIC_PN.values()]
+    assert told == pytest.approx([0.97, 0.97, 0.76], abs=0.0051)
 
 
 def test_what_our_own_flows_give_stands_beside_every_cell():

@@ -93,6 +93,13 @@ def test_its_table_says_by_which_weights_it_was_made(twin):
     assert trained_since(table) == []
 
 
+def test_every_training_gives_numbers_of_its_own(twin):
+    experiment, table = twin
+    if len(experiment.trainings) > 1:
+        assert table.sizes["training"] == 2
+        assert (np.ptp(table["trained"].values, axis=0) > 0).sum() > 0.3 * table.sizes["row"]
+
+
 def test_it_measures_the_claims_that_are_its_and_no_others(twin):
     experiment, table = twin
     assert set(experiment.measured(table)) == set(mine(experiment))
