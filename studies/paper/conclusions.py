@@ -113,7 +113,7 @@ def _ranks(of: Found) -> Row:
     on_epic_pn = of.each("tab2.production", "failures")
     on_nicer = np.sum([of.each("cal.sbc.nicer.bright", name) < FAILS for name in NAMES], axis=0)
     trained = " and ".join(
-        f"{len(each)} on {response} fail {each.min():.0f} to {each.max():.0f}"
+        f"{len(each)} on {response} fail {' to '.join(f'{end:.0f}' for end in sorted({each.min(), each.max()}))}"
         for response, each in (("EPIC-pn", on_epic_pn), ("NICER", on_nicer))
     )
     return "High counts stay miscalibrated after proper training", (

@@ -221,6 +221,29 @@ def test_a_conclusion_that_holds_rests_on_claims_that_agree_and_none_that_differ
     assert Agreement.DIFFERS not in null
 
 
+def test_rank_tests_of_bright_trainings_are_counted_on_both_responses():
+    table = committed("calibration_nicer")
+    mine = table["claim"].values == "cal.sbc.nicer.bright"
+    nicer = (table["trained"].values[:, mine] < 0.05).sum(axis=1)
+    table = committed("calibration_published")
+    mine = (table["claim"].values == "tab2.production") & (table["part"].values == "failures")
+    pn = table["trained"].values[:, mine].ravel()
+    assert (len(pn), len(nicer)) == (4, 3)
+    assert (pn.min(), pn.max(), nicer.min(), nicer.max()) == (2, 4, 3, 3)
+    assert (
+        "Of five rank tests of bright trainings at 5 per cent 4 on EPIC-pn fail 2 to 4 and 3 on NICER fail 3."
+        in front_page()
+    )
+
+
+def test_cells_on_nicer_are_counted_on_the_front_page():
+    cells = [item for item in from_committed(()).judgements if item.claim.id.startswith("grid.nicer.")]
+    agree, differ = (sum(item.verdict is verdict for item in cells)
+                     for verdict in (Agreement.AGREES, Agreement.DIFFERS))  # fmt: skip
+    assert (len(cells), differ) == (117, 0)
+    assert f"{agree} of 117 cells agree, none differ; AUCs of the line are " in front_page()
+
+
 def test_the_page_says_what_was_counted_twice_and_what_was_picked():
     text = committed_page()
     assert "its 3 of 5 are 2 of 4 networks" in text
