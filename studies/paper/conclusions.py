@@ -112,12 +112,12 @@ def _accident(of: Found) -> Row:
 def _ranks(of: Found) -> Row:
     on_epic_pn = of.each("tab2.production", "failures")
     on_nicer = np.sum([of.each("cal.sbc.nicer.bright", name) < FAILS for name in NAMES], axis=0)
-    trained = " and ".join(
-        f"{len(each)} on {response} fail {' to '.join(f'{end:.0f}' for end in sorted({each.min(), each.max()}))}"
-        for response, each in (("EPIC-pn", on_epic_pn), ("NICER", on_nicer))
-    )
+    trained = []
+    for response, each in (("EPIC-pn", on_epic_pn), ("NICER", on_nicer)):
+        ends = sorted({int(each.min()), int(each.max())})
+        trained.append(f"{len(each)} on {response} fail {' to '.join(map(str, ends))}")
     return "High counts stay miscalibrated after proper training", (
-        f"**Supported.** Of five rank tests of bright trainings at 5 per cent {trained}."
+        f"**Supported.** Of five rank tests of bright trainings at 5 per cent {' and '.join(trained)}."
     )
 
 
