@@ -14,9 +14,8 @@ import xarray as xr
 
 from studies.kit.results import read, record
 from studies.kit.resume import Pieces, Progress
-from studies.paper.claim import SINGLE
 from studies.paper.measurement import Measured, Untestable
-from studies.paper.numbers import TRAINING, by_claim, together
+from studies.paper.numbers import TRAINING, together
 
 Found = Mapping[str, Measured | Untestable]
 SHIPPED = "shipped:"
@@ -134,24 +133,6 @@ def committed(name: str) -> xr.Dataset | None:
     """The result of an experiment that is committed, if there is one."""
     path = Path(__file__).parent / "results" / f"{name}.nc"
     return read(path) if path.is_file() else None
-
-
-def ours_of(name: str) -> dict[str, dict[str, float]]:
-    """Numbers by claim of flows of our own, of the committed experiment that has them; else none."""
-    table = committed(name)
-    return {} if table is None else by_claim(table)
-
-
-def with_ours(notes: Mapping[str, str], ours: Mapping[str, Mapping[str, float]]) -> dict[str, str]:
-    """Notes by claim, and beside them what flows of our own give."""
-    from studies.paper.registry import claims
-
-    found = dict(notes)
-    for claim, parts in ours.items():
-        told = {part: f"{parts[part]:.4g}" for part in claims()[claim].needs if part in parts}
-        said = ", ".join(text if part == SINGLE[0] else f"{part} {text}" for part, text in told.items())
-        found[claim] = "; ".join(filter(None, (notes.get(claim, ""), f"flows of our own give {said}")))
-    return found
 
 
 def weights_of(flow: str) -> str:

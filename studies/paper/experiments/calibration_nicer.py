@@ -10,9 +10,10 @@ import xarray as xr
 
 from studies.kit.resume import Arrays, Pieces, stream
 from studies.paper.calibration import DRAWS, bootstrapped, deviation
-from studies.paper.experiment import Experiment, Found, Setting, ours_of, with_ours
+from studies.paper.experiment import Experiment, Found, Setting
 from studies.paper.experiments.calibration_published import LEVELS, flow_piece, ranks_of
 from studies.paper.numbers import TRAINING, Numbers, as_table, measurements
+from studies.paper.ours import ours_of, with_ours
 from studies.paper.paper_flow import ON_NICER
 
 OURS = "calibration_ours"

@@ -18,9 +18,10 @@ from gaugeblock.core.arrays import Array
 from gaugeblock.validate.designs.paired import stratified_permutation
 from studies.kit.resume import Arrays, Pieces, stream
 from studies.paper.calibration import deviation
-from studies.paper.experiment import Experiment, Found, Setting, ours_of, with_ours
+from studies.paper.experiment import Experiment, Found, Setting
 from studies.paper.experiments.gain_pairs import ALPHA
 from studies.paper.numbers import TRAINING, Number, Numbers, as_table, measurements
+from studies.paper.ours import ours_of, with_ours
 from studies.paper.paper_flow import TRAININGS, paper_flow
 
 RECIPE = "epic-pn-medium-gain"

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from gaugeblock.core.arrays import Array
-from studies.paper.experiment import Found, with_ours
+from studies.paper.experiment import Found
 from studies.paper.measurement import Measured, Untestable
 from studies.paper.numbers import Numbers, as_table, by_claim, mean_of, measurements
+from studies.paper.ours import with_ours
 from studies.paper.registry import claims
 
 BOOTSTRAPS = 2000

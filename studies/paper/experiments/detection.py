@@ -21,9 +21,10 @@ from studies.paper.detection_claims import CLEAN_SCORES, cells, estimates, on_ep
 from studies.paper.detection_grid import as_dataset, clean_of, levels_of, misplaced, scored
 from studies.paper.detection_level import SHIFT, STRENGTHS, DetectionLevel
 from studies.paper.detectors import DRAWS
-from studies.paper.experiment import FIRST, Experiment, Found, Setting, ours_of, with_ours
+from studies.paper.experiment import FIRST, Experiment, Found, Setting
 from studies.paper.grid_populations import FAMILIES, LEVELS, is_kept
 from studies.paper.numbers import TRAINING, as_table, by_claim, measurements
+from studies.paper.ours import ours_of, with_ours
 from studies.paper.paper_flow import TRAININGS
 from studies.paper.registry import DETECTORS, SUSPICIOUS, claims
 

@@ -18,10 +18,11 @@ from studies.paper.claim import SINGLE
 from studies.paper.detection_claims import CLEAN_SCORES, LINE_ON_EPIC_PN, cells, estimates, on_nicer
 from studies.paper.detection_grid import as_dataset, scored
 from studies.paper.detectors import DRAWS
-from studies.paper.experiment import Experiment, Found, Setting, committed, ours_of, with_ours
+from studies.paper.experiment import Experiment, Found, Setting, committed
 from studies.paper.experiments.detection import OURS, by_its_embedding, trained_levels
 from studies.paper.grid_populations import LEVELS
 from studies.paper.numbers import TRAINING, Number, alone, as_table, by_claim, measurements
+from studies.paper.ours import ours_of, with_ours
 from studies.paper.paper_flow import ON_NICER
 
 RESPONSE = "nicer"

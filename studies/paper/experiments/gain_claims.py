@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
 from studies.kit.resume import Arrays
-from studies.paper.experiment import Found, ours_of, with_ours
+from studies.paper.experiment import Found
 from studies.paper.experiments.gain_pairs import ALPHA, GAIN_RANGE, KINDS, MEMBERS
 from studies.paper.numbers import Numbers, Parts, mean_of, measurements
+from studies.paper.ours import ours_of, with_ours
 
 Both = tuple[float, float]
 
