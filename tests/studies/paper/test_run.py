@@ -206,6 +206,7 @@ def test_a_conclusion_that_holds_rests_on_claims_that_agree_and_none_that_differ
         ),
         "A gain of 3 per cent biases": ("gm.lin.medium", "gm.lin.bright"),
         "Marginalising leaves the bias": ("xc.fisher",),
+        "At bright a flow loses": ("xc.bright.capture",),
         "A missed line biases": ("det.B1.dGamma.medium",),
     }
     rows = [line for line in front_page().splitlines() if "| **Holds" in line]
