@@ -144,8 +144,8 @@ def _capture(of: Found) -> Row:
     study = ", ".join(f"{of.ours(CAPTURE, name):.2f}" for name in THREE)
     flow, refined = (", ".join(f"{ours[name + word]:.2f}" for name in THREE) for word in ("", " refined"))
     return "At bright a flow loses most of what the data say of the gain", (
-        f"**Holds of its recipe**: it keeps {study} (at most 0.163); **wrong of flows.** Ours keeps {flow}, with "
-        f"importance weights {refined}."
+        f"**Holds of its recipe**: it keeps {study} (at most 0.163); **wrong of flows.** Ours keeps {flow}, "
+        f"with importance weights {refined}."
     )
 
 

@@ -280,7 +280,7 @@ def test_what_no_run_can_settle_says_so_first():
     assert judge(shrinks, Measured(1.0)).settles == "no more runs: a yes or no has no interval"
     # The right network would not show it either.
     other = judge(replace(both, network="stopped"), Measured({"a": 1.05, "b": 2.0}, {"a": 0.06}))
-    assert other.settles.endswith("trainings are made; agreement by none: `b` is kept without an error")
+    assert other.settles.endswith("the cap ended ours; agreement by none: `b` is kept without an error")
     # Of two that are doubtful, what takes more.
     more = judge(both, Measured({"a": 1.0, "b": 2.0}, {"a": 0.07, "b": 0.12}))
     alone = judge(both, Measured({"a": 1.0, "b": 2.0}, {"a": 0.01, "b": 0.12}))
