@@ -115,9 +115,9 @@ def _ranks(of: Found) -> Row:
     trained = []
     for response, each in (("EPIC-pn", on_epic_pn), ("NICER", on_nicer)):
         ends = sorted({int(each.min()), int(each.max())})
-        trained.append(f"{len(each)} on {response} fail {' to '.join(map(str, ends))}")
+        trained.append(f"{' to '.join(map(str, ends))} on {response} ({len(each)} trainings)")
     return "High counts stay miscalibrated after proper training", (
-        f"**Supported.** Of five rank tests of bright trainings at 5 per cent {' and '.join(trained)}."
+        f"**Supported.** Of five rank tests at 5 per cent bright trainings fail {' and '.join(trained)}."
     )
 
 

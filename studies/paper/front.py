@@ -124,7 +124,7 @@ def not_made(tables: Mapping[str, xr.Dataset]) -> str:
     return NOT_MADE.format(
         planned=len(planned()),
         made=len(planned()) - len(lacking),
-        lacking=f"; lacking are {', '.join(f'{n} {what}' for what, n in kinds.items())}" if kinds else "",
+        lacking=f";\nlacking are {', '.join(f'{n} {what}' for what, n in kinds.items())}" if kinds else "",
         curve="" if "learning_curve" in tables else CURVE.format(number=number),
     )
 

@@ -205,8 +205,9 @@ def ordinary(item: Judgement, part: str) -> tuple[float, float]:
 
 CHANGED = """\
 Each with what it did to verdicts. No margin was changed with the last ones, marked *this list*, which are
-all younger than all results: beside them is how many judged claims would agree and differ without each. All
-together they took {old} to {new} that agree, differ and are undecided.
+younger than results of the networks that there were: beside them is what each did, or how many judged claims
+would have agreed and differed without it when it was made, and 103 and 1 did. All together, and the networks
+trained since, they took {old} to {new} that agree, differ and are undecided.
 
 """
 
