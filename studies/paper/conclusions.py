@@ -162,7 +162,7 @@ def _nicer(of: Found) -> Row:
     lines = ", ".join(of.both(f"det.nicer.B1.{level}") for level in ("faint", "medium", "bright"))
     return "NICER shows the same", (
         f"**Holds as far as it is decided**, by another response: {agree} of {of.among('grid.nicer.')} cells "
-        f"agree, {differ or 'none'} differ; AUCs of the line are {lines}."
+        f"agree, {differ or 'none'} differ; AUCs of the line {lines}."
     )
 
 

@@ -107,7 +107,7 @@ Its networks and its NICER response (ours is another) are not published, nor whi
 runs took, one but by its counts."""
 
 NOT_MADE = """\
-Of {planned} trainings of its network that were fixed beforehand {made} are made{lacking}.{curve}"""
+Of {planned} trainings of its network fixed beforehand {made} are made{lacking}.{curve}"""
 CURVE = "\nIts learning curve, {number} more trainings, is not made either."
 
 BELOW = (

@@ -232,8 +232,8 @@ def test_rank_tests_of_bright_trainings_are_counted_on_both_responses():
     assert (len(pn), len(nicer)) == (4, 3)
     assert (pn.min(), pn.max(), nicer.min(), nicer.max()) == (2, 4, 3, 3)
     assert (
-        "Of five rank tests at 5 per cent bright trainings fail 2 to 4 on EPIC-pn (4 trainings) and 3 on NICER "
-        "(3 trainings)." in front_page()
+        "Of five rank tests at 5 per cent bright trainings fail 2 to 4 on EPIC-pn (4 trainings) and 3 on "
+        "NICER (3 trainings)." in front_page()
     )
 
 
@@ -242,7 +242,7 @@ def test_cells_on_nicer_are_counted_on_the_front_page():
     agree, differ = (sum(item.verdict is verdict for item in cells)
                      for verdict in (Agreement.AGREES, Agreement.DIFFERS))  # fmt: skip
     assert (len(cells), differ) == (117, 0)
-    assert f"{agree} of 117 cells agree, none differ; AUCs of the line are " in front_page()
+    assert f"{agree} of 117 cells agree, none differ; AUCs of the line " in front_page()
 
 
 def test_the_page_says_what_was_counted_twice_and_what_was_picked():
@@ -296,7 +296,7 @@ def test_the_page_says_which_trainings_there_are_not():
     plain = len(made) - gain - nicer
     assert nicer == 9
     assert (
-        f"Of 34 trainings of its network that were fixed beforehand {len(made)} are made; lacking are "
+        f"Of 34 trainings of its network fixed beforehand {len(made)} are made; lacking are "
         f"{15 - plain} on EPIC-pn with a fixed one, {10 - gain} with a free gain." in said
     )
     for recipe, planned in (("epic-pn-faint", 5), ("epic-pn-bright", 5), ("epic-pn-bright-gain", 5)):
