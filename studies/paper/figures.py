@@ -217,7 +217,7 @@ def _published(axis: Any) -> None:
 
 
 def _ours(axis: Any, table: xr.Dataset) -> None:
-    """Exact under the flow's prior, the flow, and the flow with importance weights."""
+    """Exact under the flow's prior, our flow without and with importance weights, and the study's network."""
     level = table["level"].values.astype(str)
     rows = np.concatenate([ROWS[name][: np.sum(level == name)] for name in ROWS])
     kinds = (
@@ -229,6 +229,8 @@ def _ours(axis: Any, table: xr.Dataset) -> None:
         error = table[f"{name}_error"].values
         style = {"fmt": marker, "color": colour, "mfc": face, "ms": 4, "lw": 0.8}
         axis.errorbar(table[name].values, rows, xerr=error, label=label, **style)
+    again = {"color": CUT_COLOUR, "ms": 4, "mfc": "white", "label": "the study's network, trained again"}
+    axis.plot(table["study"].values, rows, "^", **again)
     wider = float(table["boundary_shrink"])
     axis.plot(wider, rows[0], "D", color=EXACT, ms=4, mfc="white", label="exact, wider box")
 
