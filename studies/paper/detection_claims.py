@@ -8,8 +8,9 @@ from itertools import product
 import numpy as np
 
 from gaugeblock.core.arrays import Array
+from studies.paper.claim import SINGLE
 from studies.paper.grid_populations import FAMILIES, LEVELS
-from studies.paper.numbers import Numbers
+from studies.paper.numbers import Numbers, Parts, mean_of
 from studies.paper.registry import DETECTORS, claims
 
 Values = dict[str, dict[str, Array]]
@@ -74,6 +75,20 @@ def on_epic_pn(auc: Array) -> Values:
     for detector, family, name in product((0, 1), ("B1", "B4"), ("medium", "bright")):
         strongest = by_family[family][..., LEVELS.index(name), -1, detector]
         found[f"tab4.{DETECTORS[detector]}.{family}.{name}"] = {"value": strongest}
+    return found
+
+
+def of_more_spectra(again: Array, response: str) -> Numbers:
+    """Cells that are of no spectra of the study's own: means over sets of spectra, with their errors.
+
+    `again` ``(*CELL, set)`` are AUCs of sets drawn afresh; NaN for a detector of which there are none.
+    """
+    named = claims()
+    found: dict[str, Parts] = {}
+    for name, place in cells(response):
+        values = again[place]
+        if name in named and not named[name].paired and np.isfinite(values).all():
+            found[name] = {SINGLE[0]: mean_of(values)}
     return found
 
 

@@ -37,7 +37,7 @@ GRIDS = {"epic-pn": "detection", "nicer": "detection_nicer"}
 def grid_figure(response: str, pyplot: Any, tables: Mapping[str, xr.Dataset]) -> Any:
     """AUCs of one response, means over trainings; open circles are published, which not every cell is."""
     here = tables[GRIDS[response]].sel(response=response)
-    published, ours = published_aucs(response), our_aucs(response, tables)
+    published, (ours, errors) = published_aucs(response), our_aucs(response, tables)
     figure, axes = pyplot.subplots(
         len(DETECTORS), len(FAMILIES), figsize=(7.5, 5.4), sharex="col", sharey=True, layout="constrained"
     )
@@ -47,9 +47,8 @@ def grid_figure(response: str, pyplot: Any, tables: Mapping[str, xr.Dataset]) ->
         for number, level in enumerate(LEVELS):
             x = np.arange(len(amounts)) + WIDTH * (number - 1)
             place = (number, column, slice(None), row)
-            error = here["auc_error"].values[place]
             style = {"color": LEVEL_COLOUR[level], "ms": 3, "lw": 0.9}
-            axis.errorbar(x + 0.04, ours[place], error, fmt="o", label=level, **style)
+            axis.errorbar(x + 0.04, ours[place], errors[place], fmt="o", label=level, **style)
             axis.plot(x - 0.04, published[place], "o", mfc="white", **style)
         axis.set_xticks(range(len(amounts)), [f"{amount:g}" for amount in amounts])
         if column == 0:
@@ -62,14 +61,17 @@ def grid_figure(response: str, pyplot: Any, tables: Mapping[str, xr.Dataset]) ->
     return figure
 
 
-def our_aucs(response: str, tables: Mapping[str, xr.Dataset]) -> Array:
-    """Our AUCs ``(level, family, strength, detector)``, means over trainings where there are some."""
+def our_aucs(response: str, tables: Mapping[str, xr.Dataset]) -> tuple[Array, Array]:
+    """Our AUCs ``(level, family, strength, detector)`` and their errors, of claims where there are some."""
     table = tables[GRIDS[response]]
-    numbers, found = by_claim(table), table.sel(response=response)["auc"].values.copy()
-    for claim, cell in cells(response):
-        if claim in numbers:
-            found[cell] = numbers[claim][SINGLE[0]]
-    return np.asarray(found)
+    here, found = table.sel(response=response), []
+    for whole, name in (("auc", "number"), ("auc_error", "standard_error")):
+        values, numbers = here[whole].values.copy(), by_claim(table, name)
+        for claim, cell in cells(response):
+            if claim in numbers:
+                values[cell] = numbers[claim][SINGLE[0]]
+        found.append(values)
+    return found[0], found[1]
 
 
 def published_aucs(response: str) -> Array:
@@ -94,7 +96,7 @@ def responses_figure(pyplot: Any, tables: Mapping[str, xr.Dataset]) -> Any:
     figure, (left, right) = pyplot.subplots(1, 2, figsize=(7.5, 3.2), layout="constrained")
     left.axhline(0.5, color="#8a8a8a", lw=0.8)
     for response, (line, title) in LINES.items():
-        for ours, auc in enumerate((published_aucs(response), our_aucs(response, tables))):
+        for ours, auc in enumerate((published_aucs(response), our_aucs(response, tables)[0])):
             for family, (colour, what) in FACES.items():
                 best = auc[:, FAMILIES.index(family), :, :2].max(axis=(1, 2))
                 style = {"color": colour, "ls": line, "lw": 1.0 if ours else 0.5, "ms": 4}

@@ -15,7 +15,7 @@ from studies.kit.results import command_of, renamed
 from studies.paper import words
 from studies.paper.beyond import beyond
 from studies.paper.claim import SINGLE
-from studies.paper.experiment import trained_since
+from studies.paper.experiment import Setting, trained_since
 from studies.paper.experiments import load
 from studies.paper.family import Family
 from studies.paper.front import front
@@ -159,8 +159,9 @@ EXPLAINED = """\
 AUC as published, then ours, then the smallest difference that would be called. Ids are
 `grid.{response}.LEVEL.FAMILY.STRENGTH.DETECTOR`. A cell of the gain (B4) must lie in 0.42 to 0.58: there the
 last number, after a plus sign, is the smallest excess over these bounds. Any other must lie within 2√2 of its
-published standard errors. **Bold** ones differ, *slanted* ones agree, the others are undecided; † is what
-the first judge called a difference."""
+published standard errors. Where spectra are not the study's own ours is by D2 and D3 a mean over {sets}
+sets of as many spectra, by D1 of one. **Bold** ones differ, *slanted* ones agree, the others are undecided;
+† is what the first judge called a difference."""
 
 
 def grid_table(members: Sequence[Judgement]) -> str:
@@ -171,7 +172,8 @@ def grid_table(members: Sequence[Judgement]) -> str:
         cells.setdefault((level, family, ".".join(strength)), {})[detector] = item
     header = ["level", "family", "strength", *DETECTORS]
     rows = [[*place, *(_cell(found.get(name)) for name in DETECTORS)] for place, found in cells.items()]
-    said = EXPLAINED.format(response=members[0].claim.id.split(".")[1])
+    sets = load(members[0].claim.by).sizes[Setting.FULL]["again"]
+    said = EXPLAINED.format(response=members[0].claim.id.split(".")[1], sets=sets)
     return said + "\n\n" + table_of(header, rows)
 
 

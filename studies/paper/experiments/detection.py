@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from gaugeblock.validate.detectors import null_of_best
 from studies.kit.resume import Pieces, joined, stream
 from studies.paper.claim import SINGLE
-from studies.paper.detection_claims import CLEAN_SCORES, cells, estimates, on_epic_pn
+from studies.paper.detection_claims import CLEAN_SCORES, cells, estimates, of_more_spectra, on_epic_pn
 from studies.paper.detection_grid import as_dataset, clean_of, levels_of, misplaced, scored
 from studies.paper.detection_level import SHIFT, STRENGTHS, DetectionLevel
 from studies.paper.detectors import DRAWS
@@ -53,7 +53,8 @@ def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
     rng = np.random.default_rng(stream(seed, "detection", "replicates"))
     replicates = grid.replicates(rng)
     chance = null_of_best(sizes["clean"], sizes["suspicious"], detectors=2, strengths=4, rng=rng)
-    table = as_table(estimates(on_epic_pn(grid.auc), on_epic_pn(replicates)))
+    numbers = estimates(on_epic_pn(grid.auc), on_epic_pn(replicates))
+    table = as_table(numbers | of_more_spectra(grid.again, RESPONSE))
     table = table.merge(as_dataset({RESPONSE: grid}, {RESPONSE: replicates})).assign(
         best_of_nothing=("quantity", np.array([chance.mean(), np.quantile(chance, 0.95)])),
         spectra=sizes["suspicious"],
@@ -159,7 +160,7 @@ def _of_cells(table: xr.Dataset) -> dict[str, str]:
             notes[claim] = "other spectra than the study's, which did not keep these seeds"
         mean, spread = float(here["again"].values[place]), float(here["again_sd"].values[place])
         if np.isfinite(mean):
-            notes[claim] += f"; {mean:.3f} ± {spread:.3f} on more of them"
+            notes[claim] += f"; {mean:.3f} on many sets of others, one scatters by {spread:.3f}"
     return notes
 
 

@@ -15,7 +15,14 @@ import xarray as xr
 
 from studies.kit.resume import Pieces, stream
 from studies.paper.claim import SINGLE
-from studies.paper.detection_claims import CLEAN_SCORES, LINE_ON_EPIC_PN, cells, estimates, on_nicer
+from studies.paper.detection_claims import (
+    CLEAN_SCORES,
+    LINE_ON_EPIC_PN,
+    cells,
+    estimates,
+    of_more_spectra,
+    on_nicer,
+)
 from studies.paper.detection_grid import as_dataset, scored
 from studies.paper.detectors import DRAWS
 from studies.paper.experiment import Experiment, Found, Setting, committed
@@ -35,7 +42,7 @@ def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
     """AUCs of all cells and the claims about them, by one training."""
     grid = scored(RESPONSE, trained_levels(RESPONSE, sizes), pieces, seed)
     replicates = grid.replicates(np.random.default_rng(stream(seed, "detection_nicer", RESPONSE)))
-    numbers = estimates(on_nicer(grid.auc), on_nicer(replicates))
+    numbers = estimates(on_nicer(grid.auc), on_nicer(replicates)) | of_more_spectra(grid.again, RESPONSE)
     for claim, number in _on_epic_pn(sizes[TRAINING]).items():
         numbers[claim]["EPIC-pn"] = number
     return as_table(numbers).merge(as_dataset({RESPONSE: grid}, {RESPONSE: replicates}))
@@ -69,8 +76,8 @@ def _notes(table: xr.Dataset) -> dict[str, str]:
                 f"no replicate overflows: at most {worst:.0f} counts are expected in a channel; at 0.3, "
                 f"where the study's run stopped, the AUCs are {strongest}"
             )
-        elif np.isfinite(mean := float(here["again"].values[place])):
-            notes[claim] = f"{mean:.3f} ± {float(here['again_sd'].values[place]):.3f} on other spectra"
+        elif np.isfinite(here["again"].values[place]):
+            notes[claim] = f"one set of spectra scatters by {float(here['again_sd'].values[place]):.3f}"
     clean = here["clean_score"].to_series()
     return notes | {
         f"det.nicer.B1.{level}": f"D1 of clean spectra is {clean[level]:.3f} on average ({told:.3f})"

@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from studies.kit.resume import Pieces, stream
-from studies.paper.detection_claims import estimates, on_epic_pn, on_nicer
+from studies.paper.detection_claims import estimates, of_more_spectra, on_epic_pn, on_nicer
 from studies.paper.detection_grid import levels_of, scored
 from studies.paper.experiment import SHIPPED, Experiment
 from studies.paper.experiments.detection import OURS
@@ -33,7 +33,7 @@ def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
 
         grid = scored(response, levels_of(response, flow_of, sizes), pieces, seed)
         rng = np.random.default_rng(stream(seed, OURS, response))
-        found |= estimates(of(grid.auc), of(grid.replicates(rng)))
+        found |= estimates(of(grid.auc), of(grid.replicates(rng))) | of_more_spectra(grid.again, response)
     return as_table(found)
 
 

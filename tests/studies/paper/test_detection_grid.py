@@ -5,12 +5,19 @@ import pytest
 from scipy import stats
 from studies.paper import claims
 from studies.paper.auc_error import auc_error
-from studies.paper.detection_claims import LINE_ON_EPIC_PN, cells, estimates, on_epic_pn, on_nicer
+from studies.paper.detection_claims import (
+    LINE_ON_EPIC_PN,
+    cells,
+    estimates,
+    of_more_spectra,
+    on_epic_pn,
+    on_nicer,
+)
 from studies.paper.detection_grid import CELL, SHARES, Grid, as_dataset, roc
 from studies.paper.experiment import committed
 from studies.paper.experiments import load
 from studies.paper.grid_populations import cell_counts, cell_seed, clean_counts
-from studies.paper.numbers import by_claim
+from studies.paper.numbers import alone, by_claim
 from studies.paper.paper_flow import VARIANTS
 from studies.paper.rows import published_rows
 from studies.paper.trainings import by_training
@@ -221,6 +228,38 @@ def test_what_our_own_flows_give_stands_beside_every_cell():
             part = "value" if "value" in ours[claim] else claims()[claim].needs[0]
             assert f"flows of our own give {'' if part == 'value' else part + ' '}" in found[claim].note
             assert f"{ours[claim][part]:.4g}" in found[claim].note.rpartition("give ")[2]
+
+
+def test_cells_of_other_spectra_than_the_studys_are_means_over_many_sets():
+    rng = np.random.default_rng(14)
+    again = rng.random((*SHAPE, 20))
+    again[..., 0, :] = np.nan
+    for response, short, number in (("epic-pn", "pn", 38), ("nicer", "nicer", 78)):
+        found = of_more_spectra(again, response)
+        own = {name for name, claim in claims().items() if name.startswith(f"grid.{short}.") and claim.paired}
+        assert set(found) == {
+            name
+            for name in claims()
+            if name.startswith(f"grid.{short}.") and not name.endswith(".D1") and name not in own
+        }
+        assert len(found) == number
+        for name, place in cells(response):
+            if name in found:
+                mean, error = found[name]["value"]
+                assert mean == pytest.approx(again[place].sum() / 20)
+                assert error == pytest.approx(np.sqrt(again[place].var() / 19))
+    assert of_more_spectra(np.full((*SHAPE, 20), np.nan), "nicer") == {}
+
+
+@pytest.mark.parametrize(("name", "response"), [("detection", "epic-pn"), ("detection_nicer", "nicer")])
+def test_what_is_committed_is_of_many_sets_where_spectra_are_not_the_studys(name, response):
+    table = committed(name)
+    here, numbers = table.sel(response=response), by_claim(alone(table))
+    for claim, place in cells(response):
+        if claim in numbers:
+            many = not claims()[claim].paired and not claim.endswith(".D1")
+            expected = here["again" if many else "auc"].values[place]
+            assert numbers[claim]["value"] == pytest.approx(expected, abs=1e-12), claim
 
 
 def test_networks_of_a_response_are_trained_on_it():
