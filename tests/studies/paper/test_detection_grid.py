@@ -17,7 +17,7 @@ from studies.paper.detection_grid import CELL, SHARES, Grid, as_dataset, roc
 from studies.paper.experiment import committed
 from studies.paper.experiments import load
 from studies.paper.grid_populations import cell_counts, cell_seed, clean_counts
-from studies.paper.numbers import alone, by_claim
+from studies.paper.numbers import by_claim
 from studies.paper.paper_flow import VARIANTS
 from studies.paper.rows import published_rows
 from studies.paper.trainings import by_training
@@ -249,17 +249,6 @@ def test_cells_of_other_spectra_than_the_studys_are_means_over_many_sets():
                 assert mean == pytest.approx(again[place].sum() / 20)
                 assert error == pytest.approx(np.sqrt(again[place].var() / 19))
     assert of_more_spectra(np.full((*SHAPE, 20), np.nan), "nicer") == {}
-
-
-@pytest.mark.parametrize(("name", "response"), [("detection", "epic-pn"), ("detection_nicer", "nicer")])
-def test_what_is_committed_is_of_many_sets_where_spectra_are_not_the_studys(name, response):
-    table = committed(name)
-    here, numbers = table.sel(response=response), by_claim(alone(table))
-    for claim, place in cells(response):
-        if claim in numbers:
-            many = not claims()[claim].paired and not claim.endswith(".D1")
-            expected = here["again" if many else "auc"].values[place]
-            assert numbers[claim]["value"] == pytest.approx(expected, abs=1e-12), claim
 
 
 def test_networks_of_a_response_are_trained_on_it():

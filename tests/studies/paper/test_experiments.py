@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 from studies.kit.results import read, write
 from studies.paper import Agreement, Setting, claims, judge
+from studies.paper.detection_claims import cells
 from studies.paper.experiment import committed, made, trained_since
 from studies.paper.experiments import EXPERIMENTS, PAST, load
+from studies.paper.numbers import alone, by_claim
 
 GRID = {"clean": 8, "suspicious": 8, "reference": 16, "draws": 20, "again": 2}
 PAIRS = {"pairs": 6, "draws": 30, "exact": 2, "curve": 6}
@@ -98,6 +100,33 @@ def test_every_training_gives_numbers_of_its_own(twin):
     if len(experiment.trainings) > 1:
         assert table.sizes["training"] == 2
         assert (np.ptp(table["trained"].values, axis=0) > 0).sum() > 0.3 * table.sizes["row"]
+
+
+def test_cells_of_a_grid_are_means_over_sets_where_spectra_are_not_the_studys(twin):
+    experiment, table = twin
+    response = {"detection": "epic-pn", "detection_nicer": "nicer"}.get(experiment.name)
+    if response:
+        here, numbers = table.sel(response=response), by_claim(alone(table))
+        for claim, place in cells(response):
+            if claim in numbers:
+                many = not claims()[claim].paired and not claim.endswith(".D1")
+                expected = here["again" if many else "auc"].values[place]
+                assert numbers[claim]["value"] == pytest.approx(expected, abs=1e-12), claim
+
+
+def test_of_every_training_stands_beside_it_what_is_its(twin):
+    """The line on EPIC-pn by the training of the same name; shrinks by the study's network, not by ours."""
+    experiment, table = twin
+    if experiment.name == "detection_nicer":
+        beside = table["trained"].values[:, table["part"].values == "EPIC-pn"]
+        assert beside.shape == (2, 3)
+        assert (np.ptp(beside, axis=0) > 0).all()
+    if experiment.name == "cross_check":
+        assert (np.abs(table["study"] / table["flow"] - 1.0) > 1e-3).mean() > 0.5
+        kept = by_claim(alone(table))["xc.bright.capture"]["first"]
+        bright = np.flatnonzero(table["level"].values.astype(str) == "bright")[0]
+        exact = table["exact_reference"].values[bright]
+        assert kept == pytest.approx((1 - table["study"].values[bright]) / (1 - exact))
 
 
 def test_it_measures_the_claims_that_are_its_and_no_others(twin):

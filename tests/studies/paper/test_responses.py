@@ -58,6 +58,21 @@ def test_our_best_cells_are_means_over_trainings(axes):
     assert ours[BLUE, "-"][-1] == max(bright)
 
 
+@pytest.mark.parametrize(("response", "name"), [("epic-pn", "detection"), ("nicer", "detection_nicer")])
+def test_cells_are_drawn_with_the_errors_of_their_claims(response, name):
+    from studies.paper.detection_claims import cells
+    from studies.paper.detection_figures import our_aucs
+    from studies.paper.numbers import by_claim
+
+    table = committed(name)
+    values, errors = our_aucs(response, {name: table})
+    numbers, spreads = by_claim(table), by_claim(table, "standard_error")
+    for claim, place in cells(response):
+        if claim in numbers:
+            assert (values[place], errors[place]) == (numbers[claim]["value"], spreads[claim]["value"])
+    assert 0 < errors.min() <= errors.max() < 0.06
+
+
 def test_areas_are_those_of_the_facts(axes):
     """By an interpolation of its own, 6.4 keV between bins of 50 eV; the curves cross where it is said."""
     from studies.paper.numbers import by_claim
