@@ -302,7 +302,11 @@ def test_the_page_says_which_trainings_there_are_not():
     for recipe, planned in (("epic-pn-faint", 5), ("epic-pn-bright", 5), ("epic-pn-bright-gain", 5)):
         there = sum(name.partition("-seed")[0] == recipe for name in made)
         assert f"{planned - there} of `{recipe}`" in said
-    assert "9 more trainings, is not made either" in said
+    curve = committed("learning_curve") is not None
+    assert ("9 more trainings, is not made either" in said, "## Its learning curve" in said) == (
+        not curve,
+        curve,
+    )
 
 
 def test_every_change_of_the_judge_is_on_the_page_with_what_it_did():
