@@ -10,7 +10,6 @@ import xarray as xr
 from gaugeblock.core.arrays import Array
 from studies.paper.claim import SINGLE
 from studies.paper.experiments.calibration_published import FAILS, NAMES
-from studies.paper.family import Family
 from studies.paper.judge import Agreement, Judgement
 from studies.paper.trainings import by_training
 
@@ -20,15 +19,9 @@ Row = tuple[str, str]
 class Found:
     """What is measured, by short names; a `KeyError` for what is not."""
 
-    def __init__(
-        self,
-        judgements: Sequence[Judgement],
-        tables: Mapping[str, xr.Dataset],
-        families: Sequence[Family],
-    ) -> None:
+    def __init__(self, judgements: Sequence[Judgement], tables: Mapping[str, xr.Dataset]) -> None:
         self._items = {item.claim.id: item for item in judgements if item.ours}
         self.tables = tables
-        self.families = families
 
     def ours(self, claim: str, part: str = SINGLE[0]) -> float:
         """Our number."""

@@ -39,7 +39,7 @@ def front(
     here = "all are" if len(judgements) == every else f"{len(judgements)} of them are"
     said = INTRODUCTION.format(all=every, here=here, trainings=len(TRAININGS), nicer=len(ON_NICER))
     judged = [item for item in judgements if item.claim.counted is Counted.JUDGED]
-    found = conclusions(Found(judgements, tables, families))
+    found = conclusions(Found(judgements, tables))
     parts = ["# The published study, claim by claim", said, _rates(judged)]
     if found:
         parts += ["## What becomes of its conclusions", table_of(("it concludes", "here"), found)]

@@ -38,6 +38,12 @@ BESIDE = "detection"
 """The experiment that has the same on EPIC-pn."""
 
 
+SIZES = {
+    Setting.FULL: {"clean": 200, "suspicious": 100, "reference": 500, "draws": DRAWS, "again": 20},
+    Setting.TWIN: {"clean": 20, "suspicious": 10, "reference": 50, "draws": 20, "again": 2},
+}
+
+
 def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
     """AUCs of all cells and the claims about them, by one training."""
     grid = scored(RESPONSE, trained_levels(RESPONSE, sizes), pieces, seed)
@@ -88,10 +94,7 @@ def _notes(table: xr.Dataset) -> dict[str, str]:
 EXPERIMENT = Experiment(
     name="detection_nicer",
     says="the same 144 cells on NICER by the study's network, trained there",
-    sizes={
-        Setting.FULL: {"clean": 200, "suspicious": 100, "reference": 500, "draws": DRAWS, "again": 20},
-        Setting.TWIN: {"clean": 20, "suspicious": 10, "reference": 50, "draws": 20, "again": 2},
-    },
+    sizes=SIZES,
     run=run,
     measured=measured,
     retrained=tuple(f"{RESPONSE}-{level}" for level in LEVELS),

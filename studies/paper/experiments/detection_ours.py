@@ -13,7 +13,7 @@ from studies.paper.detection_claims import estimates, of_more_spectra, on_epic_p
 from studies.paper.detection_grid import levels_of, scored
 from studies.paper.experiment import SHIPPED, Experiment
 from studies.paper.experiments.detection import OURS
-from studies.paper.experiments.detection_nicer import EXPERIMENT as ON_NICER
+from studies.paper.experiments.detection_nicer import SIZES
 from studies.paper.grid_populations import LEVELS
 from studies.paper.numbers import Numbers, as_table
 
@@ -40,7 +40,7 @@ def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
 EXPERIMENT = Experiment(
     name=OURS,
     says="the same 288 cells of both responses by our own flows, on the same spectra",
-    sizes=ON_NICER.sizes,
+    sizes=SIZES,
     run=run,
     flows=tuple(f"{SHIPPED}{response}-{level}" for response in CLAIMS for level in LEVELS),
     extra="xray",

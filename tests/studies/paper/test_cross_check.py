@@ -106,8 +106,8 @@ def test_what_16_sets_of_draws_keep_and_what_twice_the_steps_change():
     moved, chance = np.abs(accuracy[1] - accuracy[0])[worst], np.hypot(*error[:, worst])
     assert again["xc.c2st"]["steps"] == pytest.approx((moved, chance))
     assert again["xc.c2st"]["chain"] == accuracy[0].max()
-    by_study = by_claim(table)["xc.c2st"]["steps"]
-    assert f"twice its steps move it by {by_study:.3f} ± " in said["xc.c2st"].note
+    step, its_error = (by_claim(table, name)["xc.c2st"]["steps"] for name in ("number", "standard_error"))
+    assert f"twice its steps move it by {step:.3f} ± {its_error:.3f}" in said["xc.c2st"].note
     # Two sets of 4,000 draws: the error of a binomial share of 8,000.
     np.testing.assert_allclose(error, np.sqrt(accuracy * (1 - accuracy) / 8000), rtol=0.3)
 
